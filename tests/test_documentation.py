@@ -53,7 +53,7 @@ REFERENCE = re.compile(r"^::: (?P<name>[\w.]+)$", re.MULTILINE)
 SHRUNK = {
     "animate": ("--seconds", "0.5"),
     "generate": ("--count", "1200"),
-    "train": ("--updates", "250", "--widths", "16"),
+    "train": ("--updates", "250", "--widths", "16", "--batch", "128"),
 }
 """Options added to a verb, so that it ends soon: of an option given twice the last one counts."""
 

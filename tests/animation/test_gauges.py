@@ -46,7 +46,7 @@ def emulator(tmp_path_factory: pytest.TempPathFactory) -> na.Emulator:
         samples_per_run=36,
     )
     na.generate(config, folder / "data")
-    settings = na.TrainingConfig(updates=250, widths=(8,))
+    settings = na.TrainingConfig(updates=250, widths=(8,), batch=64)
     return na.train(
         na.read_transitions(folder / "data"), settings, folder / "room.emulator.safetensors"
     )

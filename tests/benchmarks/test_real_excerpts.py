@@ -108,7 +108,7 @@ def write_angles(path: Path, angles: Float[np.ndarray, "T Q"]) -> Path:
     return path
 
 
-SETTINGS = TrainingConfig(updates=1000, widths=(32, 24))
+SETTINGS = TrainingConfig(updates=1000, widths=(32, 24), batch=256)
 
 
 @pytest.fixture(scope="module")

@@ -316,7 +316,7 @@ def test_the_tutorials_body_is_learnt(tmp_path: Path):
         DatasetConfig(system=name, definition=text, count=2400, samples_per_run=24)
     )
     errors: list[float] = []
-    config = TrainingConfig(updates=750, widths=(16,))
+    config = TrainingConfig(updates=750, widths=(16,), batch=128)
     train(
         data,
         config,

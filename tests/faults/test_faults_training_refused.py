@@ -34,12 +34,12 @@ def test_a_pipe_as_its_log_is_refused_and_not_waited_for(
     out = tmp_path / "e.safetensors"
     log = run_folder(out) / "metrics.jsonl"
     if is_begun:
-        train(transitions, TrainingConfig(updates=250, widths=(8,)), out)
+        train(transitions, TrainingConfig(updates=250, widths=(8,), batch=64), out)
         log.unlink()
     log.parent.mkdir(exist_ok=True)
     os.mkfifo(log)
     with pytest.raises(BadFileError, match="metrics.jsonl is not a file"):
-        train(transitions, TrainingConfig(updates=250, widths=(8,)), out)
+        train(transitions, TrainingConfig(updates=250, widths=(8,), batch=64), out)
 
 
 def test_the_widest_layer_that_is_read_may_be_trained():

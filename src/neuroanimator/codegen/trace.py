@@ -152,9 +152,8 @@ class _Tracer:
         if all(isinstance(operand, _Known) for operand in inputs):
             is_literal = all(operand.is_literal for operand in inputs)
             numbers = [operand.numbers for operand in inputs]
-            # Moves are not left to JAX, which would compile a program for each.
-            moved = MOVES[name](numbers, eqn.params) if name in MOVES else _bind(eqn, numbers)
-            return [_Known(constant_array(result), is_literal) for result in moved]
+            results = _results_now(eqn, numbers)
+            return [_Known(constant_array(result), is_literal) for result in results]
         if name in MOVES:
             addresses = [self._addresses(operand) for operand in inputs]
             return [np.asarray(result) for result in MOVES[name](addresses, eqn.params)]
@@ -371,6 +370,47 @@ def _targets(
         fill_value=-1,
     )
     return np.asarray(where)
+
+
+def _results_now(eqn: jaxprs.JaxprEqn, inputs: list[np.ndarray]) -> list[Any]:
+    """Return the results of an operation on numbers: by NumPy if they are exactly JAX's, which compiles a program for each."""
+    name = eqn.primitive.name
+    if name in MOVES:
+        return MOVES[name](inputs, eqn.params)
+    dtype = eqn.outvars[0].aval.dtype
+    if name == "iota":
+        shape = eqn.params["shape"]
+        along = np.arange(shape[eqn.params["dimension"]], dtype=dtype)
+        return _broadcast([along], eqn.params | {"broadcast_dimensions": (eqn.params["dimension"],)})
+    if name == "convert_element_type" and not (inputs[0].dtype.kind == "f" and dtype.kind in "iu"):
+        return [inputs[0].astype(dtype)]
+    # Whole numbers are divided towards zero.
+    if name in EXACT and not (name == "div" and dtype.kind in "iu"):
+        with np.errstate(all="ignore"):
+            return [EXACT[name](*inputs).astype(dtype)]
+    return _bind(eqn, inputs)
+
+
+EXACT: dict[str, Callable[..., np.ndarray]] = {
+    "add": np.add,
+    "add_any": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "neg": np.negative,
+    "max": np.maximum,
+    "min": np.minimum,
+    "sqrt": np.sqrt,
+    "square": np.square,
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "lt": np.less,
+    "le": np.less_equal,
+    "gt": np.greater,
+    "ge": np.greater_equal,
+    "select_n": lambda which, *cases: np.choose(which.astype(int), cases),
+}
+"""Operations that round as JAX's do, whatever the library."""
 
 
 def _bind(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:

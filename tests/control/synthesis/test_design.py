@@ -44,7 +44,7 @@ def family(tmp_path_factory: pytest.TempPathFactory) -> tuple[Emulator, System]:
     config = DatasetConfig(
         system=name, definition=definition, substeps=substeps, count=2_016, samples_per_run=36
     )
-    settings = TrainingConfig(updates=500, widths=(48, 32))
+    settings = TrainingConfig(updates=500, widths=(48, 32), batch=256)
     emulator = train(simulate_transitions(config), settings, folder / "arm.emulator.safetensors")
     return emulator, load_system(str(toml))
 

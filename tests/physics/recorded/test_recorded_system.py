@@ -230,7 +230,7 @@ def test_the_command_line_goes_all_the_way(folder: Path, cli: Cli, tmp_path: Pat
     for arguments in (
         ("new", "runs.csv"),
         ("generate", "runs.toml", "--out", "data"),
-        ("train", "data", "--updates", "250", "--widths", "8", "--out", emulator),
+        ("train", "data", "--updates", "250", "--widths", "8", "--batch", "64", "--out", emulator),
         ("evaluate", emulator, "--data", "data"),
         ("animate", emulator, "--out", "clip.csv"),
     ):
@@ -482,7 +482,7 @@ def test_a_recording_that_nothing_drives_goes_all_the_way_without_an_edit(
     for arguments in (
         ("new", "swing.csv"),
         ("generate", "swing.toml", "--out", "data"),
-        ("train", "data", "--updates", "500", "--widths", "16,16", "--out", emulator),
+        ("train", "data", "--updates", "500", "--widths", "16,16", "--batch", "128", "--out", emulator),
         ("animate", emulator, "--out", "clip.csv", "--out", "clip.glb"),
         ("evaluate", emulator, "--data", "data", "--report", "report.html"),
         ("info", emulator),
@@ -502,7 +502,7 @@ def test_what_a_recording_kept_apart_is_trusted_where_it_is_like_the_rest(free_s
     system = system_from(free_swing / "swing.csv")
     data = read_transitions(dataset_from(system, free_swing / "kept"))
     out = free_swing / "kept.emulator.safetensors"
-    emulator = train(data, TrainingConfig(updates=500, widths=(16, 16)), out)
+    emulator = train(data, TrainingConfig(updates=500, widths=(16, 16), batch=128), out)
     assert data.held_out is not None
     states, controls = data.held_out
     assert np.mean(emulator.trust(states[:, :-1], controls) <= 1) > 0.9
