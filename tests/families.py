@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from neuroanimator.scaffold.write_toml import write_definition
 
@@ -41,8 +43,18 @@ def parameter_lines(names: tuple[str, ...] = tuple(TARGETS)) -> str:
 
 def write_arm(folder: Path, values: Mapping[str, float], extra: str = "") -> Path:
     """Write the arm with `values` in place of nominal ones, and its TOML file with `extra` lines; return that one's path."""
-    (folder / "arm.xml").write_text(ARM.format(**(NOMINAL | dict(values))))
-    path, _ = write_definition(str(folder / "arm.xml"), force=True)
-    text = path.read_text().replace("reset_share = 0.2", "reset_share = 0.1")
-    path.write_text(text + extra)
+    model = ARM.format(**(NOMINAL | dict(values)))
+    (folder / "arm.xml").write_text(model)
+    path = folder / "arm.toml"
+    path.write_text(proposed(model) + extra)
     return path
+
+
+@cache
+def proposed(model: str) -> str:
+    """Return the TOML file that `new` writes for an arm; that takes a second of simulation, so each is made once."""
+    with TemporaryDirectory() as folder:
+        source = Path(folder) / "arm.xml"
+        source.write_text(model)
+        path, _ = write_definition(str(source))
+        return path.read_text().replace("reset_share = 0.2", "reset_share = 0.1")
