@@ -97,7 +97,7 @@ class Features(eqx.Module):
                 return self._parted(plain)
             return plain, plain[:0]
         # A sum of products, as it is fused with what follows, whereas `@` is a separate call.
-        angle = jnp.sum(self.angles * state, axis=1)
+        angle = self.angles @ state
         sine, cosine = sine_cosine(angle)
         if self.is_odd:
             odd, even = self._parted(plain)

@@ -69,16 +69,14 @@ def draw_batches(
 
 
 def parts_of(
-    key: PRNGKeyArray,
     states: Float[Array, "N T S"],
     controls: Float[Array, "N H C"],
     rows: Int[Array, " B"],
+    first: Int[Array, " B"],
     unroll: int,
 ) -> tuple[Float[Array, "B F S"], Float[Array, "B U C"]]:
-    """Return `unroll` super steps of each window in `rows`, from a random one on: more examples of the same physics."""
-    latest = controls.shape[1] - unroll
-    first = jax.random.randint(key, (len(rows), 1), 0, latest + 1)
-    steps = first + jnp.arange(unroll + 1)
+    """Return `unroll` super steps of each window in `rows`, from number `first` on: more examples of the same physics."""
+    steps = first[:, None] + jnp.arange(unroll + 1)
     return states[rows[:, None], steps], controls[rows[:, None], steps[:, :-1]]
 
 

@@ -80,27 +80,34 @@ def train_chunk(
         key, size, windows.states.shape[0], windows.rare, config.rare_share
     )
 
-    def loss_of(network: Network, rows: Int[Array, " B"]) -> Float[Array, ""]:
+    # Drawn for all updates at once: random numbers drawn within the loop took a tenth of a pendulum's update.
+    latest = windows.controls.shape[1] - unroll
+    part_key = jax.random.fold_in(key, 2)
+    first_of_updates = jax.random.randint(part_key, rows_of_updates.shape, 0, latest + 1)
+
+    def loss_of(
+        network: Network, rows: Int[Array, " B"], first: Int[Array, " B"]
+    ) -> Float[Array, ""]:
         row_weights = None
         if weights is not None:
             row_weights = weights[rows]
         fold_key = jax.random.fold_in(key, rows[0])
-        part_key = jax.random.fold_in(fold_key, 2)
-        states, controls = parts_of(part_key, windows.states, windows.controls, rows, unroll)
+        states, controls = parts_of(windows.states, windows.controls, rows, first, unroll)
         return _batch_loss(problem, network, fold_key, states, controls, row_weights)
 
     optimizer = make_optimizer(config)
 
     def update(
-        carry: tuple[Any, Any], rows: Int[Array, " B"]
+        carry: tuple[Any, Any], drawn: tuple[Int[Array, " B"], Int[Array, " B"]]
     ) -> tuple[tuple[Any, Any], Float[Array, ""]]:
         network, optimizer_state = carry
-        loss, gradient = jax.value_and_grad(loss_of)(network, rows)
+        loss, gradient = jax.value_and_grad(loss_of)(network, *drawn)
         step, optimizer_state = optimizer.update(gradient, optimizer_state, network)
         return (eqx.apply_updates(network, step), optimizer_state), loss
 
     start = (network, optimizer_state)
-    (network, optimizer_state), losses = jax.lax.scan(update, start, rows_of_updates)
+    drawn = (rows_of_updates, first_of_updates)
+    (network, optimizer_state), losses = jax.lax.scan(update, start, drawn)
     return network, optimizer_state, losses.mean()
 
 

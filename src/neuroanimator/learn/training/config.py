@@ -22,7 +22,7 @@ from neuroanimator.text import quoted
 UPDATES_PER_CHUNK = 250
 """Number of updates in one compiled call: enough to hide the call, few enough for a lively progress bar."""
 
-DRAWS = 2
+DRAWS = 3
 """Version of how minibatches follow from the seed: a run that another version began is not continued."""
 
 ON_GROUND: dict[str, Any] = {"widths": (256, 192), "updates": 10_000}
