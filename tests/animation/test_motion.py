@@ -72,7 +72,11 @@ def test_what_names_no_rates_is_animated(write, tmp_path: Path):
     )
     generate(config, tmp_path / "data")
     path = tmp_path / "own.emulator.safetensors"
-    train(read_transitions(tmp_path / "data"), TrainingConfig(updates=250, widths=(8,), batch=64), path)
+    train(
+        read_transitions(tmp_path / "data"),
+        TrainingConfig(updates=250, widths=(8,), batch=64),
+        path,
+    )
     emulator = Emulator.load(path)
     assert emulator.rates == ()
     clip = make_clip(emulator, random_drive(emulator, 2.0, seed=1).motion(emulator))

@@ -120,7 +120,12 @@ def test_a_cube_that_turns_far_in_a_super_step_is_followed(tmp_path: Path):
     # briefly, one leap over 0.2 s has an error of 0.51, and linear regression 0.76.
     data = simulate_transitions(DatasetConfig(system="cube", count=1800, samples_per_run=36))
     config = TrainingConfig(
-        network="linear-glu", widths=(32,), updates=500, batch=128, position_modes=18, velocity_modes=18
+        network="linear-glu",
+        widths=(32,),
+        updates=500,
+        batch=128,
+        position_modes=18,
+        velocity_modes=18,
     )
     emulator = train(data, config, tmp_path / "cube.emulator.safetensors").in_strides(2)
     assert emulator.substeps == 100

@@ -85,7 +85,16 @@ def test_the_command_line_takes_urls(s3: str, cli, tmp_path: Path):
     told = cli("info", url)
     assert "1 of 1 made" in told.stdout
     trained = cli(
-        "train", url, "--updates", 250, "--widths", 4, "--batch", 64, "--out", tmp_path / "p.emulator.safetensors"
+        "train",
+        url,
+        "--updates",
+        250,
+        "--widths",
+        4,
+        "--batch",
+        64,
+        "--out",
+        tmp_path / "p.emulator.safetensors",
     )
     assert trained.returncode == 0, trained.stderr
     refused = cli("train", "s3://me:secret@bucket/set", "--out", tmp_path / "q")

@@ -140,7 +140,18 @@ def test_the_command_line_goes_all_the_way(cart: Path, cli, tmp_path: Path):
     toml.write_text(toml.read_text() + goal)
     for arguments in (
         ("generate", toml, "--count", 3000, "--out", tmp_path / "data"),
-        ("train", tmp_path / "data", "--updates", 1000, "--widths", "24,24", "--batch", 256, "--out", out),
+        (
+            "train",
+            tmp_path / "data",
+            "--updates",
+            1000,
+            "--widths",
+            "24,24",
+            "--batch",
+            256,
+            "--out",
+            out,
+        ),
         ("animate", out, "--seconds", 1, "--out", tmp_path / "clip.glb"),
         (
             "control",

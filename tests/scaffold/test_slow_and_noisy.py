@@ -116,7 +116,18 @@ def test_slow_systems_go_all_the_way(cli: Cli, tmp_path: Path):
     for arguments in (
         ("new", "room.py"),
         ("generate", "room.toml", "--count", "2400", "--out", "data"),
-        ("train", "data", "--updates", "500", "--widths", "16", "--batch", "128", "--out", emulator),
+        (
+            "train",
+            "data",
+            "--updates",
+            "500",
+            "--widths",
+            "16",
+            "--batch",
+            "128",
+            "--out",
+            emulator,
+        ),
         ("animate", emulator, "--out", "clip.csv", "--out", "clip.glb"),
     ):
         result = cli(*arguments, cwd=tmp_path)

@@ -15,5 +15,5 @@ EXAMPLE = "neuroanimator demo --out out"
 def run(
     out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")] = Path("out"),
 ) -> None:
-    """Learn a three-link pendulum, measure the emulator, swing it up, verify it on MuJoCo, draw it. About a minute and a half."""
+    """Learn a three-link pendulum, measure the emulator, swing it up, verify it on MuJoCo, draw it. About a minute."""
     run_demo(out)

@@ -15,7 +15,7 @@ from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.summary import outcome_rows
 from neuroanimator.control.synthesis.synthesise import Synthesis, synthesise_goal
-from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.csv_file import write_controls
 from neuroanimator.export.gltf.scene import write_glb
@@ -30,8 +30,9 @@ from neuroanimator.learn.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.learn.evaluation.report import training_html, write_report
 from neuroanimator.learn.refinement import Refinement
 from neuroanimator.learn.training.config import TrainingConfig
-from neuroanimator.learn.training.train import train
+from neuroanimator.learn.training.train import SO_FAR, Report, run_folder, train
 from neuroanimator.physics import load_system
+from neuroanimator.systems.random_controls import sample_controls
 from neuroanimator.terminal import print_rows, progress_bar
 
 SYSTEM = "pendulum"
@@ -51,6 +52,15 @@ SWEEPS = 16
 
 CORRECTIONS = 2
 """Maximum number of corrections that follow, of two sweeps each: at most twenty iterations in all."""
+
+LOOK_SECONDS = 2.0
+"""Duration of the films that show what the emulator has learnt [s]."""
+
+FIRST_FILM = "first-motion.mp4"
+LEARNT_FILM = "learnt-motion.mp4"
+
+LOOK_SIZE = (480, 270)
+"""Width and height of these films [pixels]: small, as training waits for them."""
 
 HOLD_SECONDS = 0.5
 """Time for which the film holds the last state, to show the pendulum standing [s]."""
@@ -101,10 +111,36 @@ def _generate(folder: Path) -> Transitions:
 
 def _train(data: Transitions, path: Path) -> Emulator:
     config = TrainingConfig(updates=UPDATES)
+    is_first = True
     with progress_bar("updates", config.whole_updates) as bar:
-        return train(
-            data, config, path, on_report=lambda r: bar.advance_to(r.update, f"error {r.error:.4f}")
-        )
+
+        def on_report(report: Report) -> None:
+            nonlocal is_first
+            bar.advance_to(report.update, f"error {report.error:.4f}")
+            so_far = run_folder(path) / SO_FAR
+            if is_first and so_far.exists():
+                _film(load_emulator(so_far), path.with_name(FIRST_FILM), report.update)
+            is_first = False
+
+        emulator = train(data, config, path, on_report=on_report)
+    _film(emulator, path.with_name(LEARNT_FILM), config.whole_updates)
+    return emulator
+
+
+def _film(emulator: Emulator, path: Path, updates: int) -> None:
+    """Film the motion of an emulator after `updates`, translucent, over MuJoCo's under the same random controls."""
+    system = load_system(SYSTEM)
+    steps = round(LOOK_SECONDS / emulator.dt)
+    controls = sample_controls(np.random.default_rng(0), steps, emulator.dt, system.bounds)
+    true = system.simulate(system.rest[None], controls[None], emulator.dt).states[0]
+    emulated = make_clip(emulator, emulator.rollout(system.rest, controls))
+    try:
+        write_video(make_clip(emulator, true), path, ghost=emulated, size=LOOK_SIZE)
+    except ResourceError:
+        return  # said once, for the film of the swing-up
+    print(
+        f"    {path}: after {updates:,} updates, translucent over MuJoCo's motion", file=sys.stderr
+    )
 
 
 def _swing_up(emulator: Emulator, data: Transitions) -> Synthesis:
@@ -139,6 +175,7 @@ def _write(out: Path, evaluation: Evaluation, synthesis: Synthesis) -> list[Path
     write_controls(table, synthesis.controls, emulator)
     trained = out / f"{SYSTEM}.emulator.safetensors"
     files = [scene, table, report, trained]
+    files += [out / name for name in (FIRST_FILM, LEARNT_FILM) if (out / name).exists()]
     film = Markup("")
     try:
         write_video(clip, video)

@@ -381,7 +381,9 @@ def _results_now(eqn: jaxprs.JaxprEqn, inputs: list[np.ndarray]) -> list[Any]:
     if name == "iota":
         shape = eqn.params["shape"]
         along = np.arange(shape[eqn.params["dimension"]], dtype=dtype)
-        return _broadcast([along], eqn.params | {"broadcast_dimensions": (eqn.params["dimension"],)})
+        return _broadcast(
+            [along], eqn.params | {"broadcast_dimensions": (eqn.params["dimension"],)}
+        )
     if name == "convert_element_type" and not (inputs[0].dtype.kind == "f" and dtype.kind in "iu"):
         return [inputs[0].astype(dtype)]
     # Whole numbers are divided towards zero.

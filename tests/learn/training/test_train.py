@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Cli
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from neuroanimator import NeuroAnimatorError, TrainingConfig
+from neuroanimator import Emulator, NeuroAnimatorError, TrainingConfig
 from neuroanimator.learn.data.store import Transitions
 from neuroanimator.learn.training.survey import validation_mask
-from neuroanimator.learn.training.train import Report, read_metrics, run_folder, train
+from neuroanimator.learn.training.train import SO_FAR, Report, read_metrics, run_folder, train
 
 SMALL = ["--widths", "8", "--updates", "3000", "--batch", "16"]
 
@@ -80,6 +81,7 @@ def test_validation_runs_are_whole_and_unseen(transitions: Transitions):
 def test_early_stopping_stops(transitions: Transitions, tmp_path: Path):
     config = TrainingConfig(
         updates=100_000,
+        batch=64,
         patience=1,
         learning_rate=1.0,
         optimizer="momentum",
@@ -89,6 +91,28 @@ def test_early_stopping_stops(transitions: Transitions, tmp_path: Path):
     reports: list[Report] = []
     train(transitions, config, tmp_path / "e.safetensors", on_report=reports.append)
     assert reports[-1].update < 100_000
+
+
+def test_a_training_shows_its_best_so_far_on_one_thread_of_blas(
+    transitions: Transitions, tmp_path: Path
+):
+    out = tmp_path / "e.safetensors"
+    so_far = run_folder(out) / SO_FAR
+    moved = []
+
+    def look(report: Report) -> None:
+        emulator = Emulator.load(so_far)
+        controls = np.ones((3, emulator.control.size))
+        moved.append(emulator.rollout(emulator.rest, controls)[-1])
+        pools = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
+        assert {pool["num_threads"] for pool in pools} == {1}
+
+    with threadpool_limits(2, "blas"):
+        config = TrainingConfig(widths=(8,), updates=2000, batch=16)
+        train(transitions, config, out, on_report=look)
+    assert np.isfinite(moved).all()
+    assert np.any(moved[0] != moved[1])
+    assert not so_far.exists()
 
 
 def test_a_run_with_other_settings_is_refused_and_untouched(

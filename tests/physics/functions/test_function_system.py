@@ -255,7 +255,17 @@ def test_a_strangers_dataset_and_emulator_never_run_code(
     marker.unlink()
     emulator = "spring.emulator.safetensors"
     result = cli(
-        "train", "data", "--updates", "250", "--widths", "8", "--batch", "64", "--out", emulator, cwd=tmp_path
+        "train",
+        "data",
+        "--updates",
+        "250",
+        "--widths",
+        "8",
+        "--batch",
+        "64",
+        "--out",
+        emulator,
+        cwd=tmp_path,
     )
     assert result.returncode == 0, result.stderr
     assert cli("animate", emulator, "--out", "clip.csv", cwd=tmp_path).returncode == 0

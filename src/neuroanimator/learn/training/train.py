@@ -39,6 +39,9 @@ from neuroanimator.learn.training.validation import validation_errors
 CHUNKS_PER_REPORT = 4
 """Number of chunks between two validations, lines of metrics and checkpoints."""
 
+SO_FAR = "so-far.emulator.safetensors"
+"""Name of the file in a run's folder that holds the best emulator so far, while the training goes on or after it was killed."""
+
 METRICS = "metrics.jsonl"
 """Name of the file of reports in a run's folder."""
 
@@ -77,7 +80,8 @@ def train(
 ) -> Emulator:
     """Train on `data`, write the best emulator by validation to `out` and return it.
 
-    Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued. If another machine may
+    Checkpoints and `metrics.jsonl` lie in `run_folder(out)`; a run found there is continued. Until it ends, `SO_FAR` there is
+    an emulator that moves: the best after one report, two, four, and so on. If another machine may
     have to resume it, `checkpoints` is a folder or URL that both see. It is not locked: two that train the same write the
     same bytes.
     """
@@ -93,9 +97,13 @@ def train(
         check_readable(feed.problem.base, folder, provenance)
         with closing(feed):
             while not run.is_over:
-                on_report(run.advance(on_chunk))
+                report = run.advance(on_chunk)
+                if run.shows_progress:
+                    save(run.known_best, folder / SO_FAR, provenance)
+                on_report(report)
         emulator = run.known_best
         save(emulator, out, provenance)
+        (folder / SO_FAR).unlink(missing_ok=True)
     return emulator
 
 
@@ -146,6 +154,12 @@ class _Run:
         """Whether every update is done, or too many reports have passed without a better network."""
         config = self.lesson.problem.config
         return self.progress.chunk >= config.chunks or self.progress.stale >= config.patience
+
+    @property
+    def shows_progress(self) -> bool:
+        """Whether the number of reports so far is a power of two: often enough to look, at little cost."""
+        reports = self.progress.chunk // CHUNKS_PER_REPORT
+        return reports.bit_count() == 1
 
     @property
     def known_best(self) -> Emulator:

@@ -142,7 +142,16 @@ def test_an_emulator_of_recordings_learns_from_another(
         (tmp_path / name).write_text(oscillator(stiffness))
     monkeypatch.chdir(tmp_path)
     toml, _ = write_definition("old.csv")
-    small = ["--updates", "500", "--widths", "16", "--batch", "128", "--out", "e.emulator.safetensors"]
+    small = [
+        "--updates",
+        "500",
+        "--widths",
+        "16",
+        "--batch",
+        "128",
+        "--out",
+        "e.emulator.safetensors",
+    ]
     assert cli("train", toml, *small).returncode == 0
     options = ["improve", "e.emulator.safetensors", "--from", "new.csv", "--updates", "500"]
     alone = cli(*options, "--out", "alone.safetensors")

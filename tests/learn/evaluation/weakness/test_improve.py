@@ -386,7 +386,16 @@ def test_recordings_are_not_simulated_and_from_is_told_of(
     (tmp_path / "recorded.csv").write_text("\n".join([header, *rows, ""]))
     monkeypatch.chdir(tmp_path)
     toml, _ = write_definition("recorded.csv")
-    small = ["--updates", "250", "--widths", "8", "--batch", "64", "--out", "e.emulator.safetensors"]
+    small = [
+        "--updates",
+        "250",
+        "--widths",
+        "8",
+        "--batch",
+        "64",
+        "--out",
+        "e.emulator.safetensors",
+    ]
     assert cli("train", toml, *small).returncode == 0
     refused = cli("improve", "e.emulator.safetensors", "--out", "f.emulator.safetensors")
     assert refused.returncode == 2
