@@ -10,7 +10,12 @@ import numpy as np
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.learn.training.checkpoint import TrainingState
-from neuroanimator.learn.training.chunk import TrainingProblem, WindowsInMemory, train_chunk
+from neuroanimator.learn.training.chunk import (
+    RunPosition,
+    TrainingProblem,
+    WindowsInMemory,
+    train_chunk,
+)
 from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.optimizer import make_optimizer
 from neuroanimator.state.structure import Structure
@@ -45,13 +50,14 @@ def time_chunk(emulator: Emulator, config: TrainingConfig) -> float:
         states=emulator.encode(rest + SPREAD * noise),
         controls=jnp.tile(middle, (WINDOWS, 1, 1)),
         rare=jnp.arange(RARE_WINDOWS),
+        count=jnp.array(WINDOWS),
     )
     fresh = TrainingState.fresh(emulator.network, make_optimizer(config))
     spans = []
     for chunk in range(CHUNKS):
         began = time.perf_counter()
-        number = jnp.asarray(chunk)
-        after = train_chunk(problem, windows, fresh.network, fresh.optimizer_state, number, 1)
+        position = RunPosition.of(config, chunk)
+        after = train_chunk(problem, windows, fresh.network, fresh.optimizer_state, position, 1)
         jax.block_until_ready(after)
         spans.append(time.perf_counter() - began)
     return min(spans[1:])

@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from conftest import Cli
@@ -16,6 +17,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from neuroanimator import Emulator, NeuroAnimatorError, TrainingConfig
 from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.training import feed
+from neuroanimator.learn.training.chunk import train_chunk
 from neuroanimator.learn.training.survey import validation_mask
 from neuroanimator.learn.training.train import SO_FAR, Report, read_metrics, run_folder, train
 
@@ -93,9 +96,7 @@ def test_early_stopping_stops(transitions: Transitions, tmp_path: Path):
     assert reports[-1].update < 100_000
 
 
-def test_a_training_shows_its_best_so_far_on_one_thread_of_blas(
-    transitions: Transitions, tmp_path: Path
-):
+def test_a_training_shows_its_best_so_far(transitions: Transitions, tmp_path: Path):
     out = tmp_path / "e.safetensors"
     so_far = run_folder(out) / SO_FAR
     moved = []
@@ -104,15 +105,29 @@ def test_a_training_shows_its_best_so_far_on_one_thread_of_blas(
         emulator = Emulator.load(so_far)
         controls = np.ones((3, emulator.control.size))
         moved.append(emulator.rollout(emulator.rest, controls)[-1])
-        pools = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
-        assert {pool["num_threads"] for pool in pools} == {1}
 
-    with threadpool_limits(2, "blas"):
-        config = TrainingConfig(widths=(8,), updates=2000, batch=16)
-        train(transitions, config, out, on_report=look)
+    config = TrainingConfig(widths=(8,), updates=2000, batch=16)
+    train(transitions, config, out, on_report=look)
     assert np.isfinite(moved).all()
     assert np.any(moved[0] != moved[1])
     assert not so_far.exists()
+
+
+def test_updates_have_one_thread_of_blas(
+    transitions: Transitions, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    threads = set()
+
+    def look(*arguments):
+        pools = [pool for pool in threadpool_info() if pool["user_api"] == "blas"]
+        threads.update(pool["num_threads"] for pool in pools)
+        return train_chunk(*arguments)
+
+    monkeypatch.setattr(feed, "train_chunk", look)
+    with threadpool_limits(2, "blas"):
+        config = TrainingConfig(widths=(8,), updates=250, batch=16, unroll=1)
+        train(transitions, config, tmp_path / "e.safetensors")
+    assert threads == {1}
 
 
 def test_a_run_with_other_settings_is_refused_and_untouched(
@@ -157,3 +172,16 @@ def test_f06_two_trainings_cannot_share_a_folder(transitions: Transitions, tmp_p
         train(transitions, TrainingConfig(), out)
     assert not out.exists()
     assert np.isfinite(transitions.states).all()
+
+
+def test_trainings_of_one_kind_compile_once(
+    transitions: Transitions, tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    fewer = transitions.where(transitions.run < transitions.run.max())
+    runs = [(transitions, 250, 0), (transitions, 500, 1), (fewer, 250, 2)]
+    with jax.log_compiles():
+        for number, (data, updates, seed) in enumerate(runs):
+            config = TrainingConfig(widths=(6,), updates=updates, seed=seed, batch=8, unroll=1)
+            train(data, config, tmp_path / f"{number}.safetensors")
+    compiled = [line for line in caplog.messages if "train_chunk" in line and "Compiling" in line]
+    assert len(compiled) == 1

@@ -48,7 +48,11 @@ def rare_rows(emulator: Emulator, data: Transitions) -> Int[np.ndarray, " M"]:
 
 
 def draw_batches(
-    key: PRNGKeyArray, size: int, rows: int, rare: Int[Array, " M"], rare_share: float
+    key: PRNGKeyArray,
+    size: int,
+    rows: int | Int[Array, ""],
+    rare: Int[Array, " M"],
+    rare_share: float,
 ) -> tuple[Int[Array, "U B"], Float[Array, " N"] | None]:
     """Return (rows of each update's batch, weight of every row).
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
 from neuroanimator.learn.training.batches import draw_batches, folded, parts_of, seen_by
@@ -20,6 +23,10 @@ from neuroanimator.state.symmetry import Symmetry
 
 RestStreams = tuple[Float[Array, " O"], Float[Array, " E"]]
 """Network inputs at rest: see `Emulator.rest_streams`."""
+
+
+VARYING = ("seed", "updates", "patience", "validation_share", "memory")
+"""Settings that the compiled chunk does not depend on."""
 
 
 class TrainingProblem(eqx.Module):
@@ -35,6 +42,13 @@ class TrainingProblem(eqx.Module):
     rest: RestStreams | None
     """Network inputs at rest; None if the system does not stay there."""
 
+    @property
+    def of_any_run(self) -> TrainingProblem:
+        """The same without what differs between runs of one kind, so that a chunk is compiled once for all."""
+        usual = TrainingConfig.model_fields
+        varying = {name: usual[name].default for name in VARYING}
+        return replace(self, config=self.config.model_copy(update=varying))
+
 
 class WindowsInMemory(eqx.Module):
     """The windows from which batches are drawn."""
@@ -44,7 +58,23 @@ class WindowsInMemory(eqx.Module):
     controls: Float[Array, "N H C"]
     """Latent controls between them."""
     rare: Int[Array, " M"]
-    """Rows of the windows with the most unusual changes; empty if no share of a minibatch is drawn from them."""
+    """Rows of the windows with the most unusual changes; none if no share of a minibatch is drawn from them."""
+    count: Int[Array, ""]
+    """Number of windows. The arrays may have more rows, so that a chunk is compiled once for many counts."""
+
+
+class RunPosition(NamedTuple):
+    """Where a chunk is in a run, as arrays: Python numbers would be compiled in, and every chunk and run recompiled."""
+
+    seed: Int[Array, ""]
+    updates: Int[Array, ""]
+    """Number of updates in the whole run."""
+    chunk: Int[Array, ""]
+
+    @classmethod
+    def of(cls, config: TrainingConfig, chunk: int) -> RunPosition:
+        """Return the position of chunk number `chunk`."""
+        return cls(*(as_jax(n, np.int32) for n in (config.seed, config.whole_updates, chunk)))
 
 
 def with_network(base: Emulator, network: Network, rest: RestStreams | None) -> Emulator:
@@ -65,20 +95,18 @@ def train_chunk(
     windows: WindowsInMemory,
     network: Network,
     optimizer_state: Any,
-    chunk: Int[Array, ""],
+    position: RunPosition,
     unroll: int,
 ) -> tuple[Network, Any, Float[Array, ""]]:
-    """Return (network, optimiser state, mean loss) after chunk number `chunk`, whose loss spans `unroll` super steps.
+    """Return (network, optimiser state, mean loss) after the chunk at `position`, whose loss spans `unroll` super steps.
 
-    Batches follow from the seed and the chunk's number alone, so that a resumed run sees the same. The number is an
-    array, as a Python number would be compiled in, and every chunk recompiled.
+    Batches follow from the seed and the chunk's number alone, so that a resumed run sees the same.
     """
     config = problem.config
     size = config.batch_at(unroll)
-    key = jax.random.fold_in(jax.random.key(config.seed), chunk)
-    rows_of_updates, weights = draw_batches(
-        key, size, windows.states.shape[0], windows.rare, config.rare_share
-    )
+    key = jax.random.fold_in(jax.random.key(position.seed), position.chunk)
+    rows = windows.states.shape[0] if config.rare_share else windows.count
+    rows_of_updates, weights = draw_batches(key, size, rows, windows.rare, config.rare_share)
 
     # Drawn for all updates at once: random numbers drawn within the loop took a tenth of a pendulum's update.
     latest = windows.controls.shape[1] - unroll
@@ -88,14 +116,12 @@ def train_chunk(
     def loss_of(
         network: Network, rows: Int[Array, " B"], first: Int[Array, " B"]
     ) -> Float[Array, ""]:
-        row_weights = None
-        if weights is not None:
-            row_weights = weights[rows]
+        row_weights = None if weights is None else weights[rows]
         fold_key = jax.random.fold_in(key, rows[0])
         states, controls = parts_of(windows.states, windows.controls, rows, first, unroll)
         return _batch_loss(problem, network, fold_key, states, controls, row_weights)
 
-    optimizer = make_optimizer(config)
+    optimizer = make_optimizer(config, position.updates)
 
     def update(
         carry: tuple[Any, Any], drawn: tuple[Int[Array, " B"], Int[Array, " B"]]

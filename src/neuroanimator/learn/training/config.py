@@ -22,6 +22,9 @@ from neuroanimator.text import quoted
 UPDATES_PER_CHUNK = 250
 """Number of updates in one compiled call: enough to hide the call, few enough for a lively progress bar."""
 
+MAX_UPDATES = 10_000_000
+"""Maximum number of updates, above which it is a typing error."""
+
 DRAWS = 3
 """Version of how minibatches follow from the seed: a run that another version began is not continued."""
 
@@ -83,7 +86,7 @@ class TrainingConfig(Settings):
         default=0.0, ge=0, lt=10, allow_inf_nan=False, validate_default=True
     )
     """Highest learning rate; the optimiser's default if 0."""
-    updates: int = Field(default=8_000, ge=UPDATES_PER_CHUNK, le=10_000_000)
+    updates: int = Field(default=8_000, ge=UPDATES_PER_CHUNK, le=MAX_UPDATES)
     batch: int = Field(default=2048, ge=4, le=65_536)
     """Number of super steps in a minibatch: with fewer updates of larger ones errors are as small, and both cores are busy."""
     rare_share: float = Field(default=0.0, ge=0, lt=1)

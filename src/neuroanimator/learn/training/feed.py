@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, final
 
-import numpy as np
+import scipy.linalg  # noqa: F401  what JAX's decompositions call must be loaded before its threads can be limited
+from threadpoolctl import threadpool_limits
 
-from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.learn.training.chunk import TrainingProblem, WindowsInMemory, train_chunk
+from neuroanimator.learn.training.chunk import (
+    RunPosition,
+    TrainingProblem,
+    WindowsInMemory,
+    train_chunk,
+)
 from neuroanimator.learn.training.pools import Pools
 from neuroanimator.learn.training.prefetch import Prefetched
 
@@ -30,15 +35,20 @@ class Feed:
         self, network: Network, optimizer_state: Any, chunk: int
     ) -> tuple[Network, Any, float]:
         """Return (network, optimiser state, mean loss) after chunk number `chunk`: a function of the arguments alone."""
-        network, optimizer_state, loss = train_chunk(
-            self.problem,
-            self._pool_at(int(self.pools.of_chunks[chunk])),
-            network,
-            optimizer_state,
-            as_jax(chunk, np.int32),
-            self.problem.config.unroll_at(chunk),
-        )
-        return network, optimizer_state, float(loss)
+        config = self.problem.config
+        pool = self._pool_at(int(self.pools.of_chunks[chunk]))
+        position = RunPosition.of(config, chunk)
+        # One thread of BLAS: SOAP's decompositions wake the others, which then spin between updates, on the cores of XLA.
+        with threadpool_limits(1, "blas"):
+            network, optimizer_state, loss = train_chunk(
+                self.problem.of_any_run,
+                pool,
+                network,
+                optimizer_state,
+                position,
+                config.unroll_at(chunk),
+            )
+            return network, optimizer_state, float(loss)
 
     def _pool_at(self, number: int) -> WindowsInMemory:
         if self._pool is not None and number == self._number:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import jax.numpy as jnp
 import optax
+from jaxtyping import Array, Int
 
 from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.soap import scale_by_soap
@@ -20,11 +24,21 @@ MAX_WARMUP = 500
 """Maximum number of updates of warm-up; a tenth of short runs."""
 
 
-def make_optimizer(config: TrainingConfig) -> optax.GradientTransformation:
-    """Return the optimiser with a cosine decay of the learning rate to zero."""
-    total = config.whole_updates
-    warmup = min(MAX_WARMUP, total // 10)
-    rate = optax.warmup_cosine_decay_schedule(0.0, config.learning_rate, warmup, total)
+def make_optimizer(
+    config: TrainingConfig, updates: int | Int[Array, ""] | None = None
+) -> optax.GradientTransformation:
+    """Return the optimiser, whose learning rate rises, then falls to zero along a cosine.
+
+    `updates` are those of the whole run, by default the configuration's; an array compiles once for any number.
+    """
+    total = config.whole_updates if updates is None else updates
+
+    def rate(count: Any) -> Any:
+        warmup = jnp.clip(total // 10, 1, MAX_WARMUP)
+        fall = jnp.cos(jnp.pi * (count - warmup) / (total - warmup))
+        share = jnp.where(count < warmup, count / warmup, (1 + fall) / 2)
+        return config.learning_rate * share
+
     optimizers = {
         "soap": optax.chain(scale_by_soap(), optax.scale_by_learning_rate(rate)),
         "adam": optax.adam(rate, b2=ADAM_DECAY),

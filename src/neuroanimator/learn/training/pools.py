@@ -49,19 +49,26 @@ class Pools:
         """Number of windows in an epoch."""
         return int(self.counts.sum())
 
+    @property
+    def room(self) -> int:
+        """Number of windows that fit into the memory."""
+        return self.config.memory // self.window_memory
+
+    @cached_property
+    def window_memory(self) -> int:
+        """Memory that a window takes [bytes]."""
+        state_size = self.base.encode(np.asarray(self.base.rest, float)).shape[-1]
+        return memory_per_window(state_size, self.base.control.size, self.data.system.window_steps)
+
     @cached_property
     def size(self) -> int:
         """Number of windows in a pool; ArgumentError if a part of the data does not fit."""
         if self.data.part_count == 1:
             return self.epoch
-        state_size = self.base.encode(np.asarray(self.base.rest, float)).shape[-1]
-        window = memory_per_window(
-            state_size, self.base.control.size, self.data.system.window_steps
-        )
-        room = self.config.memory // window
+        room = self.room
         largest = int(self.counts.max())
         if room < largest:
-            wanted = window * largest // 10**6 + 1
+            wanted = self.window_memory * largest // 10**6 + 1
             raise ArgumentError(
                 f"memory: {self.config.memory / 1e6:.0f}MB holds no shard of this dataset; wanted at least {wanted}MB."
             )
@@ -116,8 +123,24 @@ class Pools:
 
     def _in_memory(self, windows: Transitions) -> WindowsInMemory:
         rare = rare_rows(self.base, windows) if self.config.rare_share else ()
+        count = len(windows.states)
+        missing = 0
+        if self.is_one and not self.config.rare_share:
+            missing = max(0, min(rounded_up(count), self.room) - count)
         return WindowsInMemory(
-            states=as_jax(windows.states),
-            controls=as_jax(windows.controls),
+            states=as_jax(lengthened(windows.states, missing)),
+            controls=as_jax(lengthened(windows.controls, missing)),
             rare=as_jax(rare, np.int32),
+            count=as_jax(count, np.int32),
         )
+
+
+def lengthened(array: np.ndarray, missing: int) -> np.ndarray:
+    """Return an array with `missing` rows of zeros at its end."""
+    return np.concatenate([array, np.zeros((missing, *array.shape[1:]), array.dtype)])
+
+
+def rounded_up(count: int) -> int:
+    """Return the next of few numbers, at most a quarter above `count`: those of three binary digits."""
+    step = 1 << max(0, count.bit_length() - 3)
+    return -(-count // step) * step

@@ -12,9 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import numpy as np
-import scipy.linalg  # noqa: F401  what JAX's decompositions call must be loaded before its threads can be limited
 from jaxtyping import Array, Float
-from threadpoolctl import threadpool_limits
 
 from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.emulator.artifact import check_readable, save
@@ -88,8 +86,7 @@ def train(
     out = Path(out)
     keep_programs()
     folder = run_folder(out)
-    # One thread of BLAS: SOAP's decompositions wake the others, which then spin between updates, on the cores of XLA.
-    with locked(folder), threadpool_limits(1, "blas"):
+    with locked(folder):
         run = _Run.prepare(data, config, folder, checkpoints or folder, start_from)
         feed = run.lesson.feed
         remove_stale(folder)
