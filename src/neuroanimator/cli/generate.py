@@ -13,14 +13,16 @@ from neuroanimator.executor.executor import Executor
 from neuroanimator.files.places import FLEETING_SCHEME, Place, UrlPath, is_url, place_of
 from neuroanimator.files.sources import refuse_source
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
+from neuroanimator.learn.budget import transitions_within
 from neuroanimator.learn.data.config import DatasetConfig
 from neuroanimator.learn.data.diverged_runs import PATTERN
 from neuroanimator.learn.data.generate import generate
 from neuroanimator.learn.data.recorded_segments import limited_to_recordings
 from neuroanimator.learn.data.shortcomings import shortcomings_of
+from neuroanimator.learn.data.store import read_config
 from neuroanimator.physics import carried_system
 from neuroanimator.physics.loading import resolve, trust_files
-from neuroanimator.terminal import Rows, phase, print_rows, progress_bar, warn_once
+from neuroanimator.terminal import Rows, phase, print_rows, progress_bar, tell, warn_once
 
 EXAMPLE = (
     "neuroanimator generate pendulum --substeps 50 --count 100000 --seed 0 --out data/pendulum"
@@ -112,8 +114,16 @@ def generate_with_bar(
         return generate(config, out, executor=executor, on_shard=bar.advance)
 
 
-def ensure_data(reference: str, emulator: Path, executor: Executor | None = None) -> Place:
-    """Return the dataset folder or URL `reference`, or one made beside `emulator` for the system or TOML file it names."""
+def ensure_data(
+    reference: str,
+    emulator: Path,
+    executor: Executor | None = None,
+    seconds: float | None = None,
+) -> Place:
+    """Return the dataset folder or URL `reference`, or one made beside `emulator` for the system or TOML file it names.
+
+    With `seconds`, new data are as many as can be made in that time.
+    """
     if is_url(reference):
         return place_of(reference)
     if Path(reference).is_dir():
@@ -130,5 +140,12 @@ def ensure_data(reference: str, emulator: Path, executor: Executor | None = None
     stem = emulator.name.removesuffix(".safetensors").removesuffix(".emulator")
     folder = emulator.with_name(stem + ".data")
     config = _checked_data(DatasetConfig.usual(name, definition, usual_substeps))
+    if seconds is not None and folder.is_dir():
+        config = read_config(folder)  # a stopped command goes on
+    elif seconds is not None and carried_system(name, definition).recordings is None:
+        with phase("timing the simulation"):
+            count = transitions_within(config, seconds)
+        config = config.model_copy(update={"count": count})
+        tell(f"simulating {count:,} transitions, in about {seconds:.0f} s at most")
     generate_with_bar(config, folder, executor)
     return folder

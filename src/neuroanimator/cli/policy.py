@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from neuroanimator.cli.usage import SECONDS_A_MINUTE, check_minutes
 from neuroanimator.control.policies.state_policy import load_state_policy
 from neuroanimator.emulator.emulator import Emulator, load_emulator
 from neuroanimator.errors import ArgumentError
@@ -31,11 +32,7 @@ EXAMPLE = "neuroanimator policy Hopper-v5.toml --minutes 3 --out hopper.policy.s
 
 SAMPLES_A_RUN = 36
 
-SECONDS_A_MINUTE = 60
-
 MIN_SECONDS = 1e-3
-
-MAX_MINUTES = 10_000
 
 MAX_UPDATES = 1_000_000
 
@@ -83,10 +80,8 @@ def run(
     The rules are those of [task] or [follow]. The policy with the best returns of whole episodes is kept. A stopped run goes
     on where it was, and a finished one goes on for more --updates or --minutes.
     """
-    if minutes is not None and not 0 < minutes <= MAX_MINUTES:
-        raise ArgumentError(
-            f"minutes: wanted more than 0, at most {MAX_MINUTES:,}, got {minutes:g}."
-        )
+    if minutes is not None:
+        check_minutes(minutes)
     if not 1 <= updates <= MAX_UPDATES:
         raise ArgumentError(f"updates: wanted 1 to {MAX_UPDATES:,}, got {updates:,}.")
     with phase("loading"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,32 +10,50 @@ from typing import Annotated, Any
 import typer
 
 from neuroanimator.cli.generate import ensure_data, tell_shortcomings
-from neuroanimator.cli.usage import whole_numbers
+from neuroanimator.cli.usage import SECONDS_A_MINUTE, check_minutes, whole_numbers
 from neuroanimator.cli.worker_options import Where, Workers, chosen_executor
-from neuroanimator.emulator.artifact import read_metadata, save
+from neuroanimator.emulator.artifact import first_line, read_metadata, save
 from neuroanimator.emulator.departures import departures_in_words, find_departures
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
 from neuroanimator.emulator.networks import NETWORKS
 from neuroanimator.emulator.verdict import CONSTANT_VELOCITY, GOOD, IN_WORDS, NO_CHANGE, Verdict
-from neuroanimator.errors import ArgumentError
+from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.export.programs.formats import POLICY_ENDING
+from neuroanimator.files.atomic import canonical_json, read_bounded, write_whole
+from neuroanimator.files.json_text import parse_json_object
+from neuroanimator.files.numbers import whole
 from neuroanimator.files.tables import read_toml
+from neuroanimator.learn.budget import DATA_SHARE, updates_within
 from neuroanimator.learn.data.shortcomings import shortcomings
 from neuroanimator.learn.data.store import Dataset
 from neuroanimator.learn.data.stored import open_transitions
 from neuroanimator.learn.evaluation.fleets.fleet_file import is_fleet, read_fleet
 from neuroanimator.learn.evaluation.fleets.train_fleet import TABLE, train_fleet
 from neuroanimator.learn.evaluation.weakness.causes import causes_in_training
-from neuroanimator.learn.training.config import TrainingConfig
+from neuroanimator.learn.training.config import MAX_UPDATES, UPDATES_PER_CHUNK, TrainingConfig
 from neuroanimator.learn.training.error_fitting import fit_error_bounds
 from neuroanimator.learn.training.train import METRICS, Report, run_folder, train
-from neuroanimator.terminal import Rows, TableRows, phase, print_rows, print_table, progress_bar
+from neuroanimator.terminal import (
+    Rows,
+    TableRows,
+    phase,
+    print_rows,
+    print_table,
+    progress_bar,
+    tell,
+)
 
 EXAMPLE = "neuroanimator train data/pendulum --out pendulum.emulator.safetensors"
 
 NETWORK_HELP = f"One of {', '.join(NETWORKS)}; the first is the default, classic that of 1998."
 """The help of `--network`."""
+
+PLAN = "plan.json"
+"""Name of the file in a run's folder with what --minutes chose, so that a stopped run goes on."""
+
+MAX_PLAN = 1_000
+"""Maximum length of that file [bytes]."""
 
 EPISODES = 100
 """Number of episodes that judge a policy inside an emulator trained on its motions."""
@@ -72,10 +91,13 @@ def run(
             help="Weight updates (default 8000, half a minute; with contacts 10000, a few minutes)."
         ),
     ] = None,
-    batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,
-    unroll: Annotated[
-        int | None, typer.Option(help="Super steps that the last updates unroll, 1 to 4.")
+    minutes: Annotated[
+        float | None,
+        typer.Option(
+            help="Minutes for data and training together, instead of --updates: a pilot measures what fits into them."
+        ),
     ] = None,
+    batch: Annotated[int | None, typer.Option(help="Super steps in a minibatch.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of weights, split and batches.")] = None,
     memory: Annotated[
         str | None,
@@ -101,6 +123,7 @@ def run(
 
     If killed, run it again: it resumes, and ends with the same bytes.
     """
+    began = time.monotonic()
     settings = _settings(
         config,
         network=network,
@@ -109,10 +132,11 @@ def run(
         learning_rate=learning_rate,
         updates=updates,
         batch=batch,
-        unroll=unroll,
         seed=seed,
         memory=memory,
     )
+    if minutes is not None:
+        _check_budget(minutes, data, settings)
     if is_fleet(Path(data)):
         if error_bounds:
             raise ArgumentError(
@@ -132,16 +156,46 @@ def run(
     memory_limit = TrainingConfig(
         **settings
     ).memory  # wrong settings are refused before data is made
+    seconds = None if minutes is None else SECONDS_A_MINUTE * minutes
     with chosen_executor(executor, workers) as spread:
-        place = ensure_data(data, out, spread)
+        place = ensure_data(data, out, spread, None if seconds is None else DATA_SHARE * seconds)
     transitions = open_transitions(place, memory_limit)
     tell_shortcomings(transitions.config, shortcomings(transitions))
     checked = TrainingConfig.usual(transitions.system.structure, **settings)
+    if seconds is not None:
+        checked = _planned(transitions, checked, out, seconds - (time.monotonic() - began))
     emulator, last = _train_with_bar(transitions, checked, out)
     rows = _rows(emulator, last, out, _judged(emulator, transitions, checked))
     if error_bounds:
         rows.append(("drifts", _bound_errors(emulator, transitions, out)))
     print_rows(rows)
+
+
+def _check_budget(minutes: float, data: str, settings: dict[str, Any]) -> None:
+    """Refuse a time that is none, that also has a number of updates, or that is not for one emulator."""
+    check_minutes(minutes)
+    if "updates" in settings:
+        raise ArgumentError("minutes: they decide the number of updates. Leave one of both out.")
+    if is_fleet(Path(data)) or data.endswith(POLICY_ENDING):
+        raise ArgumentError("minutes: not for fleets and policies. Give --updates.")
+
+
+def _planned(data: Dataset, config: TrainingConfig, out: Path, seconds: float) -> TrainingConfig:
+    """Return the settings with as many updates as fit into `seconds`; those of a stopped run, which goes on."""
+    plan = run_folder(out) / PLAN
+    if plan.exists():
+        try:
+            told = parse_json_object(read_bounded(plan, MAX_PLAN).decode(), MAX_PLAN)
+            updates = whole(told.get("updates"), "updates", UPDATES_PER_CHUNK, MAX_UPDATES)
+        except ValueError as error:
+            raise BadFileError(f"{plan}: {first_line(error)}. Remove it.") from error
+    else:
+        with phase("timing updates"):
+            updates = updates_within(data, config, seconds)
+        plan.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(plan, canonical_json({"updates": updates}).encode())
+    tell(f"training for {updates:,} updates (usually {config.updates:,})")
+    return config.model_copy(update={"updates": updates})
 
 
 def train_in_policy(

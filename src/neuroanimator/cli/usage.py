@@ -15,6 +15,11 @@ UsageError: type[Exception] = next(
 )
 """Exception that typer raises for a wrong command line; typer gives it no public name."""
 
+SECONDS_A_MINUTE = 60
+
+MAX_MINUTES = 10_000
+"""Maximum of `--minutes`, above which it is a typing error: a week."""
+
 MAX_SHOWN = 40
 """Maximum number of characters of a wrong text shown in an error."""
 
@@ -47,6 +52,14 @@ def refuse_given(options: Mapping[str, object], reason: str) -> None:
 def is_given(value: object) -> bool:
     """Return whether an option has a `value`: it is not None, off or empty."""
     return value is not None and value is not False and value != []
+
+
+def check_minutes(minutes: float) -> None:
+    """Refuse the value of `--minutes` if there is no such time."""
+    if not 0 < minutes <= MAX_MINUTES:
+        raise ArgumentError(
+            f"minutes: wanted more than 0, at most {MAX_MINUTES:,}, got {minutes:g}."
+        )
 
 
 def whole_numbers(name: str, text: str) -> tuple[int, ...]:

@@ -178,8 +178,6 @@ def test_the_command_line_trains_a_hierarchy(toml: Path, cli, tmp_path: Path):
         "hierarchy",
         "--updates",
         250,
-        "--unroll",
-        1,
         "--out",
         out,
     )
