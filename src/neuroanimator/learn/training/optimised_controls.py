@@ -5,10 +5,13 @@ They lead to where an emulator promises more than the physics gives, so its erro
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 from jaxtyping import Array, Float
 
 from neuroanimator.emulator.arrays import as_jax
@@ -33,8 +36,7 @@ TO_STATE_SHARE = 0.6
 FIRST_SPREAD = 0.1
 """Standard deviation of initial guesses, over the bounds."""
 
-DECAYS = (0.9, 0.99)
-"""Decay rates of Adam's averages of gradients and of their squares."""
+ADAM = optax.scale_by_adam(b1=0.9, b2=0.99, eps=1e-9)
 
 LEAST_WAY = 1e-6
 """Minimum mean square distance to a state [usual changes], as some begin at their target."""
@@ -86,19 +88,12 @@ def _descents(
             found = jax.grad(_cost)(numbers, emulator, start, aim, effort, beyond)
             return jnp.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
 
-        def iterate(carry: tuple[Array, Array, Array], number: Array) -> tuple[tuple, None]:
-            numbers, mean, square = carry
-            gradient = slope(numbers)
-            mean = DECAYS[0] * mean + (1 - DECAYS[0]) * gradient
-            square = DECAYS[1] * square + (1 - DECAYS[1]) * gradient**2
-            mean_now = mean / (1 - DECAYS[0] ** number)
-            square_now = square / (1 - DECAYS[1] ** number)
-            numbers = numbers - rate * mean_now / (jnp.sqrt(square_now) + 1e-9)
-            return (numbers, mean, square), None
+        def iterate(carry: tuple[Array, Any], _: None) -> tuple[tuple[Array, Any], None]:
+            numbers, moments = carry
+            update, moments = ADAM.update(slope(numbers), moments)
+            return (numbers - rate * jnp.asarray(update), moments), None
 
-        still = jnp.zeros_like(guess)
-        numbers = jnp.arange(1, ITERATIONS + 1, dtype=jnp.float32)
-        (last, _, _), _ = jax.lax.scan(iterate, (guess, still, still), numbers)
+        (last, _), _ = jax.lax.scan(iterate, (guess, ADAM.init(guess)), length=ITERATIONS)
         return jnp.tanh(last)
 
     return jax.vmap(one)(guesses, starts, aims, rates, efforts, goes_beyond)

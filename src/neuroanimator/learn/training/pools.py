@@ -32,6 +32,9 @@ SHARD_ORDER = 11
 MIN_PARTS = 32
 """Minimum number of parts in a pool: windows of few runs are too much alike."""
 
+SMALL_TIMES = 8
+"""Number of times that windows fit into the memory if there is also room for a longer copy of them."""
+
 
 @dataclass(frozen=True)
 class Pools:
@@ -49,11 +52,6 @@ class Pools:
         """Number of windows in an epoch."""
         return int(self.counts.sum())
 
-    @property
-    def room(self) -> int:
-        """Number of windows that fit into the memory."""
-        return self.config.memory // self.window_memory
-
     @cached_property
     def window_memory(self) -> int:
         """Memory that a window takes [bytes]."""
@@ -65,7 +63,7 @@ class Pools:
         """Number of windows in a pool; ArgumentError if a part of the data does not fit."""
         if self.data.part_count == 1:
             return self.epoch
-        room = self.room
+        room = self.config.memory // self.window_memory
         largest = int(self.counts.max())
         if room < largest:
             wanted = self.window_memory * largest // 10**6 + 1
@@ -125,8 +123,9 @@ class Pools:
         rare = rare_rows(self.base, windows) if self.config.rare_share else ()
         count = len(windows.states)
         missing = 0
-        if self.is_one and not self.config.rare_share:
-            missing = max(0, min(rounded_up(count), self.room) - count)
+        is_small = SMALL_TIMES * count * self.window_memory <= self.config.memory
+        if self.is_one and is_small and not self.config.rare_share:
+            missing = rounded_up(count) - count
         return WindowsInMemory(
             states=as_jax(lengthened(windows.states, missing)),
             controls=as_jax(lengthened(windows.controls, missing)),
@@ -137,6 +136,8 @@ class Pools:
 
 def lengthened(array: np.ndarray, missing: int) -> np.ndarray:
     """Return an array with `missing` rows of zeros at its end."""
+    if not missing:
+        return array
     return np.concatenate([array, np.zeros((missing, *array.shape[1:]), array.dtype)])
 
 
