@@ -64,7 +64,7 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
         system=name, definition=definition, substeps=substeps, count=20_016, samples_per_run=36
     )
     data = simulate_transitions(config)
-    settings = TrainingConfig(updates=2000, widths=(48, 32), batch=512)
+    settings = TrainingConfig(updates=2000, widths=(48, 32))
     train(data, settings, folder / "arm.emulator.safetensors")
     return folder
 
