@@ -24,6 +24,7 @@ from typing import Any
 
 import pytest
 from brief import BRIEF
+from small_trainings import small_training
 
 import neuroanimator.authoring
 import neuroanimator.control.policies
@@ -53,7 +54,7 @@ REFERENCE = re.compile(r"^::: (?P<name>[\w.]+)$", re.MULTILINE)
 SHRUNK = {
     "animate": ("--seconds", "0.5"),
     "generate": ("--count", "1200"),
-    "train": ("--updates", "250", "--widths", "16", "--batch", "128"),
+    "train": small_training(250, "16", 128),
 }
 """Options added to a verb, so that it ends soon: of an option given twice the last one counts."""
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from small_trainings import small_training
 from tally import Tally
 
 from neuroanimator import DatasetConfig, generate, read_diverged, read_transitions
@@ -87,12 +88,7 @@ def test_the_command_line_takes_urls(s3: str, cli, tmp_path: Path):
     trained = cli(
         "train",
         url,
-        "--updates",
-        250,
-        "--widths",
-        4,
-        "--batch",
-        64,
+        *small_training(250, "4", 64),
         "--out",
         tmp_path / "p.emulator.safetensors",
     )

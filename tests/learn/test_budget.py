@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -65,3 +66,12 @@ def test_minutes_that_cannot_be_are_refused(
     assert refused.returncode == 2
     assert told in refused.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_data_of_another_system_are_not_gone_on_with(dataset: Path, tmp_path: Path, cli: Cli):
+    copytree(dataset, tmp_path / "e.data")
+    out = tmp_path / "e.emulator.safetensors"
+    refused = cli("train", "pendulum-passive", "--out", out, "--minutes", "5")
+    assert refused.returncode != 0
+    assert "system" in refused.stderr
+    assert not out.exists()

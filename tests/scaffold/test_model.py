@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from conftest import Cli
+from small_trainings import small_training
 
 from neuroanimator import (
     DatasetConfig,
@@ -143,12 +144,7 @@ def test_the_command_line_goes_all_the_way(cart: Path, cli, tmp_path: Path):
         (
             "train",
             tmp_path / "data",
-            "--updates",
-            1000,
-            "--widths",
-            "24,24",
-            "--batch",
-            256,
+            *small_training(1000, "24,24", 256),
             "--out",
             out,
         ),

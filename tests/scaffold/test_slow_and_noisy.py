@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Cli
+from small_trainings import small_training
 
 import neuroanimator as na
 from neuroanimator.scaffold.scales import (
@@ -119,12 +120,7 @@ def test_slow_systems_go_all_the_way(cli: Cli, tmp_path: Path):
         (
             "train",
             "data",
-            "--updates",
-            "500",
-            "--widths",
-            "16",
-            "--batch",
-            "128",
+            *small_training(500, "16", 128),
             "--out",
             emulator,
         ),

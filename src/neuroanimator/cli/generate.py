@@ -141,7 +141,8 @@ def ensure_data(
     folder = emulator.with_name(stem + ".data")
     config = _checked_data(DatasetConfig.usual(name, definition, usual_substeps))
     if seconds is not None and folder.is_dir():
-        config = read_config(folder)  # a stopped command goes on
+        # A stopped command goes on; data of anything else are refused below.
+        config = config.model_copy(update={"count": read_config(folder).count})
     elif seconds is not None and carried_system(name, definition).recordings is None:
         with phase("timing the simulation"):
             count = transitions_within(config, seconds)

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator import Emulator
-from neuroanimator.learn.training.batches import parts_of
+from neuroanimator.learn.training.batches import draw_first_steps, parts_of
 from neuroanimator.learn.training.loss import calm_weights, squared_error
 
 WINDOWS = 5
 STEPS = 7
 
 
-def test_parts_of_windows_are_their_super_steps_in_order():
+def test_parts_of_windows_are_some_of_their_super_steps_in_order_and_all_are_drawn():
     states = jnp.arange(WINDOWS * (STEPS + 1), dtype=jnp.float32).reshape(WINDOWS, STEPS + 1, 1)
     rows = jnp.arange(400) % WINDOWS
     for unroll in (1, 3, STEPS):
-        first = jnp.arange(400) % (STEPS - unroll + 1)
+        first = draw_first_steps(jax.random.key(unroll), (1, len(rows)), STEPS, unroll)[0]
         parts, controls = parts_of(states, states[:, :-1], rows, first, unroll)
         assert np.all(np.diff(parts[..., 0], axis=1) == 1)
         assert np.all(parts[:, :-1] == controls)
         window, begun = np.divmod(np.asarray(parts[:, 0, 0]), STEPS + 1)
         assert np.all(window == rows)
         assert np.all(begun == first)
+        assert set(begun) == set(range(STEPS - unroll + 1))
 
 
 def test_errors_of_calm_windows_count_beside_what_happens_in_them(shipped: Emulator):

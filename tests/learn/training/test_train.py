@@ -106,7 +106,7 @@ def test_a_training_shows_its_best_so_far(transitions: Transitions, tmp_path: Pa
         controls = np.ones((3, emulator.control.size))
         moved.append(emulator.rollout(emulator.rest, controls)[-1])
 
-    config = TrainingConfig(widths=(8,), updates=2000, batch=16)
+    config = TrainingConfig(widths=(8,), updates=3000, batch=16)
     train(transitions, config, out, on_report=look)
     assert np.isfinite(moved).all()
     assert np.any(moved[0] != moved[1])

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Cli
+from small_trainings import small_training
 
 from neuroanimator import (
     DatasetConfig,
@@ -257,12 +258,7 @@ def test_a_strangers_dataset_and_emulator_never_run_code(
     result = cli(
         "train",
         "data",
-        "--updates",
-        "250",
-        "--widths",
-        "8",
-        "--batch",
-        "64",
+        *small_training(250, "8", 64),
         "--out",
         emulator,
         cwd=tmp_path,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Cli
+from small_trainings import small_training
 
 from neuroanimator import (
     DatasetConfig,
@@ -230,7 +231,7 @@ def test_the_command_line_goes_all_the_way(folder: Path, cli: Cli, tmp_path: Pat
     for arguments in (
         ("new", "runs.csv"),
         ("generate", "runs.toml", "--out", "data"),
-        ("train", "data", "--updates", "250", "--widths", "8", "--batch", "64", "--out", emulator),
+        ("train", "data", *small_training(250, "8", 64), "--out", emulator),
         ("evaluate", emulator, "--data", "data"),
         ("animate", emulator, "--out", "clip.csv"),
     ):
@@ -485,12 +486,7 @@ def test_a_recording_that_nothing_drives_goes_all_the_way_without_an_edit(
         (
             "train",
             "data",
-            "--updates",
-            "500",
-            "--widths",
-            "16,16",
-            "--batch",
-            "128",
+            *small_training(500, "16,16", 128),
             "--out",
             emulator,
         ),

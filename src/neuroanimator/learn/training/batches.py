@@ -72,6 +72,16 @@ def draw_batches(
     return jnp.concatenate([batches[:, from_rare:], rare[drawn]], axis=1), 1 / density
 
 
+def draw_first_steps(
+    key: PRNGKeyArray, shape: tuple[int, ...], steps: int, unroll: int
+) -> Int[Array, "U B"]:
+    """Return where in a window of `steps` super steps each example of `unroll` of them begins.
+
+    Drawn for all updates at once: random numbers drawn within the loop took a tenth of a pendulum's update.
+    """
+    return jax.random.randint(jax.random.fold_in(key, 2), shape, 0, steps - unroll + 1)
+
+
 def parts_of(
     states: Float[Array, "N T S"],
     controls: Float[Array, "N H C"],

@@ -13,7 +13,13 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
-from neuroanimator.learn.training.batches import draw_batches, folded, parts_of, seen_by
+from neuroanimator.learn.training.batches import (
+    draw_batches,
+    draw_first_steps,
+    folded,
+    parts_of,
+    seen_by,
+)
 from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.loss import calm_weights, robust_loss, unrolled_loss
 from neuroanimator.learn.training.optimizer import make_optimizer
@@ -108,10 +114,8 @@ def train_chunk(
     rows = windows.states.shape[0] if config.rare_share else windows.count
     rows_of_updates, weights = draw_batches(key, size, rows, windows.rare, config.rare_share)
 
-    # Drawn for all updates at once: random numbers drawn within the loop took a tenth of a pendulum's update.
-    latest = windows.controls.shape[1] - unroll
-    part_key = jax.random.fold_in(key, 2)
-    first_of_updates = jax.random.randint(part_key, rows_of_updates.shape, 0, latest + 1)
+    steps = windows.controls.shape[1]
+    first_of_updates = draw_first_steps(key, rows_of_updates.shape, steps, unroll)
 
     def loss_of(
         network: Network, rows: Int[Array, " B"], first: Int[Array, " B"]

@@ -154,9 +154,9 @@ class _Run:
 
     @property
     def shows_progress(self) -> bool:
-        """Whether the number of reports so far is a power of two: often enough to look, at little cost."""
+        """Whether the number of reports so far is a power of two, and more follow: often enough to look, at little cost."""
         reports = self.progress.chunk // CHUNKS_PER_REPORT
-        return reports.bit_count() == 1
+        return reports.bit_count() == 1 and not self.is_over
 
     @property
     def known_best(self) -> Emulator:

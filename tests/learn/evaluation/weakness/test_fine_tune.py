@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Cli
+from small_trainings import small_training
 
 from neuroanimator import ImprovementConfig, NeuroAnimatorError, fine_tune, load_system
 from neuroanimator.emulator.emulator import Emulator
@@ -143,12 +144,7 @@ def test_an_emulator_of_recordings_learns_from_another(
     monkeypatch.chdir(tmp_path)
     toml, _ = write_definition("old.csv")
     small = [
-        "--updates",
-        "500",
-        "--widths",
-        "16",
-        "--batch",
-        "128",
+        *small_training(500, "16", 128),
         "--out",
         "e.emulator.safetensors",
     ]

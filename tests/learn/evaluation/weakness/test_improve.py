@@ -17,6 +17,7 @@ import jax
 import numpy as np
 import pytest
 from conftest import Cli
+from small_trainings import small_training
 
 from neuroanimator import (
     DatasetConfig,
@@ -387,12 +388,7 @@ def test_recordings_are_not_simulated_and_from_is_told_of(
     monkeypatch.chdir(tmp_path)
     toml, _ = write_definition("recorded.csv")
     small = [
-        "--updates",
-        "250",
-        "--widths",
-        "8",
-        "--batch",
-        "64",
+        *small_training(250, "8", 64),
         "--out",
         "e.emulator.safetensors",
     ]
