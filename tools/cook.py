@@ -11,10 +11,10 @@ from pathlib import Path
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS, emulator_name, shipped_path
-from neuroanimator.learn.data.config import SAMPLES_PER_RUN, DatasetConfig
+from neuroanimator.learn.data.config import DatasetConfig
 from neuroanimator.learn.data.generate import generate
 from neuroanimator.learn.data.store import read_transitions
-from neuroanimator.learn.training.config import SOFT, TrainingConfig
+from neuroanimator.learn.training.config import TrainingConfig
 from neuroanimator.learn.training.error_fitting import fit_error_bounds
 from neuroanimator.learn.training.recipes import LARGE_RECIPES, RECIPES
 from neuroanimator.learn.training.train import Report, train
@@ -26,11 +26,11 @@ from neuroanimator.physics.loading import resolve, trust_files
 class SoftRecipe:
     """The data and the length of training of a soft body's emulator; the rest is as for users' soft bodies."""
 
-    runs: int
-    """Number of simulated runs."""
+    transitions: int
     updates: int
-    unroll_share: float = SOFT["unroll_share"]
-    """See `TrainingConfig`: windows from the first update on are more accurate for cloths, single steps first for solids."""
+    unroll_share: float | None = None
+    """See `TrainingConfig`: windows from the first update on are more accurate for cloths, single steps first for solids;
+    the usual share of such a body if not given."""
 
 
 SOFT_RANDOM_RUNS = 256
@@ -93,19 +93,13 @@ def cook_soft(
     trust_files(toml)
     _, definition, substeps = resolve(str(toml))
     recipe = SOFT_RECIPES[name]
-    config = DatasetConfig(
-        system=name,
-        definition=definition,
-        substeps=substeps,
-        count=SAMPLES_PER_RUN * recipe.runs,
-    )
+    config = DatasetConfig.usual(name, definition, substeps, count=recipe.transitions)
     data = folder / emulator_name(name, substeps)
     generate(config, data)
     own = data.with_name(f"own-{data.name}.emulator.safetensors")
+    settings = {} if recipe.unroll_share is None else {"unroll_share": recipe.unroll_share}
     training = TrainingConfig.usual(
-        load_system(str(toml)).structure,
-        updates=recipe.updates,
-        unroll_share=recipe.unroll_share,
+        load_system(str(toml)).structure, updates=recipe.updates, **settings
     )
     emulator = train(read_transitions(data), training, own, on_report=on_report)
     out = folder / shipped_path(name, substeps).name

@@ -70,7 +70,7 @@ def leap(emulator: na.Emulator, system: na.System) -> Drive:
 
 
 def swim(emulator: na.Emulator, system: na.System) -> Drive:
-    """Return a fish that swims by its gait."""
+    """Return an animal that swims by its gait."""
     return random_drive(emulator, None, 0)
 
 
@@ -145,6 +145,7 @@ MOTIONS = {
     "dolphin": leap,
     "fish": swim,
     "fishes": swim,
+    "trout": swim,
     "lander": land,
     "pendulum": swing_up,
     "pendulum-passive": swing,

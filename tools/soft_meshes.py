@@ -1,4 +1,4 @@
-"""The meshes of the soft bodies that ship, into the folder given: cape.obj, flag.obj, jelly.msh.
+"""The meshes of the soft bodies that ship, into the folder given: cape.obj, flag.obj, jelly.msh, trout.msh.
 
 python -m tools.soft_meshes src/neuroanimator/systems/assets
 """
@@ -6,6 +6,7 @@ python -m tools.soft_meshes src/neuroanimator/systems/assets
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from itertools import permutations
 from pathlib import Path
 
@@ -23,6 +24,45 @@ JELLY = (14, 12)
 
 FLUTES = 8
 """Number of flutes around the jelly."""
+
+TROUT = (48, 11, 5)
+"""Nodes along, up and across."""
+
+TROUT_LENGTH = 0.4
+"""Length of the trout [m]."""
+
+FIN = 0.008
+"""Least half thickness of the trout, that of its fins, over its length."""
+
+TAIL = 0.86
+"""Distance of its tail from its nose, over its length."""
+
+FORK = 0.09
+"""Depth of the notch in its tail, over its length."""
+
+TROUT_SECTIONS = np.array(
+    [
+        [0.00, 0.012, -0.012, 0.012, -0.012, 0.012],
+        [0.04, 0.040, -0.036, 0.040, -0.036, 0.028],
+        [0.12, 0.070, -0.065, 0.070, -0.065, 0.046],
+        [0.25, 0.100, -0.095, 0.100, -0.095, 0.060],
+        [0.34, 0.120, -0.102, 0.108, -0.102, 0.062],
+        [0.40, 0.160, -0.102, 0.108, -0.102, 0.062],
+        [0.52, 0.130, -0.098, 0.098, -0.096, 0.056],
+        [0.60, 0.092, -0.110, 0.084, -0.082, 0.047],
+        [0.66, 0.075, -0.120, 0.070, -0.070, 0.040],
+        [0.74, 0.056, -0.080, 0.054, -0.054, 0.029],
+        [0.80, 0.044, -0.044, 0.042, -0.042, 0.021],
+        [0.86, 0.060, -0.060, 0.036, -0.036, 0.014],
+        [0.92, 0.105, -0.105, 0.030, -0.030, 0.010],
+        [1.00, 0.150, -0.150, 0.020, -0.020, 0.008],
+    ]
+)
+"""Sections of the trout from its nose to its tail, over its length: distance from the nose, top and bottom with fins, top,
+bottom and half the width of the flesh."""
+
+MUSCLES = {"front": (0.20, 0.45), "middle": (0.45, 0.68), "back": (0.68, 0.90)}
+"""Beginning and end of the trout's bands of muscles, over its length; each has four, left and right, up and down."""
 
 
 def grid_faces(rows: int, columns: int) -> Int[np.ndarray, "F 3"]:
@@ -73,8 +113,14 @@ def jelly(layers: int, side: int) -> Float[np.ndarray, "N 3"]:
 
 
 def grid_tetrahedra(layers: int, side: int) -> Int[np.ndarray, "T 4"]:
-    """Return six tetrahedra in each cell of the jelly's grid, around the cell's diagonal (Kuhn)."""
-    nodes = np.arange(layers * side * side).reshape(layers, side, side)
+    """Return six tetrahedra in each cell of the jelly's grid."""
+    return kuhn_tetrahedra((layers, side, side))
+
+
+def kuhn_tetrahedra(shape: tuple[int, int, int]) -> Int[np.ndarray, "T 4"]:
+    """Return six tetrahedra in each cell of a grid, around the cell's diagonal (Kuhn)."""
+    nodes = np.arange(np.prod(shape)).reshape(shape)
+    first, second, third = (count - 1 for count in shape)
     cells = []
     for axes in permutations(range(3)):
         offset = np.zeros(3, int)
@@ -83,11 +129,54 @@ def grid_tetrahedra(layers: int, side: int) -> Int[np.ndarray, "T 4"]:
             offset[axis] += 1
             corners.append(offset.copy())
         numbers = [
-            nodes[k : layers - 1 + k, j : side - 1 + j, i : side - 1 + i].ravel()
-            for k, j, i in corners
+            nodes[k : first + k, j : second + j, i : third + i].ravel() for k, j, i in corners
         ]
         cells.append(np.stack(numbers, axis=1))
     return np.concatenate(cells)
+
+
+def trout(along: int, up: int, across: int) -> Float[np.ndarray, "N 3"]:
+    """Return the nodes of a trout, its nose at the origin, that looks along X [m]; its image in the plane Y = 0 is itself."""
+    distance = np.linspace(0, 1, along)
+    columns = TROUT_SECTIONS.T
+    top, bottom, back, belly, width = (
+        np.interp(distance, columns[0], column)[:, None] for column in columns[1:]
+    )
+    height = (top + bottom) / 2 + (top - bottom) / 2 * np.linspace(-1, 1, up)
+    off = (2 * height - back - belly) / (back - belly)
+    half = np.maximum(width * np.sqrt(np.clip(1 - off**2, 0, None)), FIN)
+    y = half[:, :, None] * np.linspace(-1, 1, across)
+    in_tail = np.clip((distance - TAIL) / (1 - TAIL), 0, None)[:, None]
+    notch = FORK * in_tail * (1 - np.abs(np.linspace(-1, 1, up))) ** 1.5
+    x = np.broadcast_to((notch - distance[:, None])[:, :, None], y.shape)
+    z = np.broadcast_to(height[:, :, None], y.shape)
+    return TROUT_LENGTH * np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+def mirrored_tetrahedra(shape: tuple[int, int, int]) -> Int[np.ndarray, "T 4"]:
+    """Return six tetrahedra in each cell of a grid, those on the right the mirror images of those on the left."""
+    along, up, across = shape
+    middle = across // 2 + 1
+    left = np.arange(along * up * across).reshape(shape)[:, :, :middle]
+    right = np.arange(along * up * across).reshape(shape)[:, :, : middle - 2 : -1]
+    halves = kuhn_tetrahedra((along, up, middle))
+    return np.concatenate([left.ravel()[halves], right.ravel()[halves]])
+
+
+def muscle_groups(
+    positions: Float[np.ndarray, "N 3"], tetrahedra: Int[np.ndarray, "T 4"]
+) -> tuple[list[str], Int[np.ndarray, " T"]]:
+    """Return the names of the trout's muscles, and the number of each tetrahedron's from 1; 0 for none."""
+    x, y, z = positions[tetrahedra].mean(axis=1).T
+    names = []
+    numbers = np.zeros(len(tetrahedra), int)
+    for band, (first, last) in MUSCLES.items():
+        is_within = (-x >= first * TROUT_LENGTH) & (-x < last * TROUT_LENGTH)
+        for side, is_left in (("l", y > 0), ("r", y < 0)):
+            for level, is_up in (("u", z > 0), ("d", z <= 0)):
+                names.append(f"{band}_{side}{level}")
+                numbers[is_within & is_left & is_up] = len(names)
+    return names, numbers
 
 
 def outward(
@@ -107,14 +196,27 @@ def obj_text(positions: Float[np.ndarray, "N 3"], faces: Int[np.ndarray, "F 3"])
     return "\n".join(lines) + "\n"
 
 
-def msh_text(positions: Float[np.ndarray, "N 3"], tetrahedra: Int[np.ndarray, "T 4"]) -> str:
-    """Return a Gmsh file, ASCII 2.2."""
-    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(positions))]
+def msh_text(
+    positions: Float[np.ndarray, "N 3"],
+    tetrahedra: Int[np.ndarray, "T 4"],
+    names: Sequence[str] = (),
+    groups: Int[np.ndarray, " T"] | None = None,
+) -> str:
+    """Return a Gmsh file, ASCII 2.2; `groups` are the numbers of the tetrahedra's physical groups, `names` those from 1."""
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat"]
+    if names:
+        told = [f'3 {number} "{name}"' for number, name in enumerate(names, start=1)]
+        lines += ["$PhysicalNames", str(len(names)), *told, "$EndPhysicalNames"]
+    lines += ["$Nodes", str(len(positions))]
     for number, (x, y, z) in enumerate(positions, start=1):
         lines.append(f"{number} {x:.5g} {y:.5g} {z:.5g}")
     lines += ["$EndNodes", "$Elements", str(len(tetrahedra))]
-    for number, (a, b, c, d) in enumerate(tetrahedra + 1, start=1):
-        lines.append(f"{number} 4 2 0 1 {a} {b} {c} {d}")
+    if groups is None:
+        groups = np.zeros(len(tetrahedra), int)
+    for number, ((a, b, c, d), group) in enumerate(
+        zip(tetrahedra + 1, groups, strict=True), start=1
+    ):
+        lines.append(f"{number} 4 2 {group} 1 {a} {b} {c} {d}")
     return "\n".join([*lines, "$EndElements"]) + "\n"
 
 
@@ -128,6 +230,10 @@ def main() -> None:
     (folder / "flag.obj").write_text(obj_text(flag(*FLAG), grid_faces(*FLAG)))
     nodes = jelly(*JELLY)
     (folder / "jelly.msh").write_text(msh_text(nodes, outward(nodes, grid_tetrahedra(*JELLY))))
+    nodes = trout(*TROUT)
+    tetrahedra = outward(nodes, mirrored_tetrahedra(TROUT))
+    grouped = muscle_groups(nodes, tetrahedra)
+    (folder / "trout.msh").write_text(msh_text(nodes, tetrahedra, *grouped))
 
 
 if __name__ == "__main__":

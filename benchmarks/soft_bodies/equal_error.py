@@ -16,7 +16,7 @@ from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.learn.evaluation.speed import interleaved
-from neuroanimator.physics.soft.program import LANES
+from neuroanimator.physics.soft.program import LANES, MuscleMotion
 from neuroanimator.physics.soft.scene import Motion, Scene
 from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.state.parameters import draw_parameters
@@ -58,6 +58,8 @@ class Test(NamedTuple):
     truth: Float[np.ndarray, "T N 3 L"]
     """Positions of nodes [m]."""
     end: Motion
+    muscles: MuscleMotion
+    """Activations at the start and controls of muscles."""
 
 
 def shipped(name: str) -> tuple[SoftSystem, na.Emulator]:
@@ -67,26 +69,47 @@ def shipped(name: str) -> tuple[SoftSystem, na.Emulator]:
     return system, na.load_emulator(name)
 
 
-def unseen(system: SoftSystem, dt: float, lead: int = 60, length: int = STEPS) -> Test:
-    """Return `LANES` runs of `length` super steps along smooth random paths, by the teacher's physics, `lead` after rest."""
+def unseen(
+    system: SoftSystem,
+    dt: float,
+    lead: int = 60,
+    length: int = STEPS,
+    *,
+    by_reference: bool = False,
+) -> Test:
+    """Return `LANES` runs of `length` super steps along smooth random paths, by the teacher's physics, `lead` after rest.
+
+    If `by_reference`, the runs are by the finer steps of the reference, the lead by the teacher's.
+    """
     rng = np.random.default_rng(TEST_SEED)
     starts = np.repeat(system.rest[None], LANES, axis=0)
     starts[:, system.parameter_entries] = draw_parameters(system.parameters, rng, LANES)
     parameters = starts[:, system.parameter_entries].T
     controls = system.sample_paths(rng, LANES, lead + length, dt)
+    size = system.scene.movers.size
+    muscles = controls[..., size:]
+    controls = controls[..., :size]
     changes = np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1) * dt
-    movers = starts[:, None, : system.control.size] + np.cumsum(changes, axis=1)
+    movers = starts[:, None, :size] + np.cumsum(changes, axis=1)
     paths = np.moveaxis(movers, 0, -1)
     steps = system.truth.steps(dt)
     rest = system.motion(starts)
     at_rest = Motion(rest.positions + rest.origin, rest.velocities)
     play = system.scene.play
-    before, velocities = play(at_rest, paths[: lead + 1], dt, steps, parameters)
+    pulls = [np.moveaxis(part, 0, -1) for part in (muscles[:, :lead], muscles[:, lead:])]
+    idle = starts[:, system.activations]
+    active = system.scene.contracted(idle, muscles[:, :lead], dt)[:, -1].T
+    driven = MuscleMotion(active, pulls[1])
+    before, velocities = play(
+        at_rest, paths[: lead + 1], dt, steps, parameters, MuscleMotion(idle.T, pulls[0])
+    )
     start = Motion(before[-1].copy(), velocities[-1].copy())
-    truth, velocities = play(start, paths[lead:], dt, steps, parameters)
+    if by_reference:
+        steps = system.fine.steps(dt)
+    truth, velocities = play(start, paths[lead:], dt, steps, parameters, driven)
     end = Motion(truth[-1].copy(), velocities[-1].copy())
     given = (paths[lead] - paths[lead - 1]) / dt
-    return Test(system, dt, paths[lead:], given, parameters, start, truth, end)
+    return Test(system, dt, paths[lead:], given, parameters, start, truth, end, driven)
 
 
 def known_states(test: Test) -> Float[np.ndarray, "L S"]:
@@ -94,12 +117,14 @@ def known_states(test: Test) -> Float[np.ndarray, "L S"]:
     positions = np.moveaxis(test.start.positions, -1, 0)
     velocities = np.moveaxis(test.start.velocities, -1, 0)
     moving = (positions, velocities, test.paths[0].T, test.given.T)
-    return test.system.encode(*moving, parameters=test.parameters.T)
+    active = test.muscles.activations.T
+    return test.system.encode(*moving, parameters=test.parameters.T, activations=active)
 
 
 def controls_of(test: Test) -> Float[np.ndarray, "L T D"]:
-    """Return the controls that move the movers along the test's paths."""
-    return np.moveaxis(np.diff(test.paths, axis=0) / test.dt, -1, 0)
+    """Return the controls that move the movers along the test's paths, and those of the muscles."""
+    rates = np.diff(test.paths, axis=0) / test.dt
+    return np.moveaxis(np.concatenate([rates, test.muscles.controls], axis=1), -1, 0)
 
 
 def emulated_states(emulator: na.Emulator, test: Test) -> Float[np.ndarray, "L F S"]:
@@ -209,12 +234,12 @@ def _scene_of(
     test: Test, family: Family, definition: SoftDefinition, shape: tuple[int, ...]
 ) -> Scene | None:
     """Return the physics on this grid; None where nodes of a coarse one begin inside a collider."""
-    if shape == family.shape:
-        return test.system.scene
     try:
-        return family.scene(definition, shape)
+        scene = family.scene(definition, shape)
     except ArgumentError:
         return None
+    scene.precision = np.float32
+    return scene
 
 
 def _add_one(race: Race, family: Family, scene: Scene, shape: tuple[int, ...], steps: int) -> None:
@@ -222,20 +247,24 @@ def _add_one(race: Race, family: Family, scene: Scene, shape: tuple[int, ...], s
     parts = [np.asarray(part, float) for part in test.start[:2]]
     start = Motion(*(resampled(part, family.shape, shape) for part in parts))
     dt = test.dt
-    found, _ = scene.play(start, test.paths, dt, steps, test.parameters)
+    found, _ = scene.play(start, test.paths, dt, steps, test.parameters, test.muscles)
     what = f"{' x '.join(map(str, shape))} nodes, {steps} small steps"
     if not np.isfinite(found).all():
         race.rows.append({"what": f"{what}: diverges"})
         return
     alone = Motion(*(np.ascontiguousarray(part[..., 0]) for part in start[:2]))
-    play = partial(scene.play, alone, test.paths[..., 0], dt, steps)
+    driven = MuscleMotion(*(np.ascontiguousarray(part[..., 0]) for part in test.muscles))
+    play = partial(scene.play, alone, test.paths[..., 0], dt, steps, None, driven)
     race.add(what, resampled(found.astype(float), shape, family.shape), play)
 
 
-def equal_error_rows(name: str) -> tuple[Rows, Rows]:
-    """Return (a row for each way to simulate the body, the factors at equal error after each of `SHOWN`)."""
+def equal_error_rows(name: str, *, by_reference: bool = False) -> tuple[Rows, Rows]:
+    """Return (a row for each way to simulate the body, the factors at equal error after each of `SHOWN`).
+
+    Errors are from the teacher's physics, or `by_reference` from finer steps.
+    """
     system, emulator = shipped(name)
-    test = unseen(system, emulator.dt)
+    test = unseen(system, emulator.dt, by_reference=by_reference)
     definition = check_table(read_toml(ASSETS / f"{name}.toml"), name, SoftDefinition)
     race = Race(test, emulator)
     add_emulator(race)
@@ -243,8 +272,9 @@ def equal_error_rows(name: str) -> tuple[Rows, Rows]:
     rows = race.timed()
     columns = ["body", "what"]
     columns += [key for key in rows[0] if key != "what"]
-    whole = [{column: ({"body": name} | row).get(column, "") for column in columns} for row in rows]
-    return whole, factors(name, rows)
+    told = f"{name}, from the reference" if by_reference else name
+    whole = [{column: ({"body": told} | row).get(column, "") for column in columns} for row in rows]
+    return whole, factors(told, rows)
 
 
 def factors(name: str, rows: Rows) -> Rows:

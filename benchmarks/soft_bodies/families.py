@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,12 +15,16 @@ from tools.soft_meshes import (
     CAPE,
     FLAG,
     JELLY,
+    TROUT,
     cape,
     flag,
     grid_faces,
     grid_tetrahedra,
     jelly,
+    mirrored_tetrahedra,
+    muscle_groups,
     outward,
+    trout,
 )
 
 Shape = tuple[int, ...]
@@ -38,15 +42,25 @@ class Family(NamedTuple):
     opponents: tuple[tuple[float, tuple[int, ...]], ...]
     """Share of the nodes along each side, and numbers of small steps a super step, of cheaper physics."""
 
+    groups: Callable[..., Any] | None = None
+    """Returns the names of the muscles, and the number of each tetrahedron's from 1; None without muscles."""
+
     def shape_at(self, share: float) -> Shape:
         """Return the grid of a `share` of the nodes along each side."""
-        return tuple(max(3, round(share * count)) for count in self.shape)
+        shape = tuple(max(3, round(share * count)) for count in self.shape)
+        if self.groups is None:
+            return shape
+        return (*shape[:2], shape[2] | 1)  # odd across, as the middle is a plane of nodes
 
     def mesh(self, shape: Shape) -> Mesh:
         """Return the mesh of this grid."""
         nodes = self.nodes(shape)
         if len(shape) == 2:
             return Mesh(nodes, grid_faces(*shape))
+        if self.groups is not None:
+            tetrahedra = outward(nodes, mirrored_tetrahedra(shape))
+            names, numbers = self.groups(nodes, tetrahedra)
+            return Mesh(nodes, tetrahedra, groups=tuple(names), members=numbers - 1)
         layers, side, _ = shape
         return Mesh(nodes, outward(nodes, grid_tetrahedra(layers, side)))
 
@@ -92,6 +106,18 @@ FAMILIES = {
             (0.5, (40, 20, 10)),
             (0.35, (20, 10, 5)),
         ),
+    ),
+    "trout": Family(
+        TROUT,
+        lambda shape: trout(*shape),
+        lambda shape: np.zeros(0, int),
+        (
+            (1.0, (64, 32, 16, 8, 4, 2)),
+            (0.7, (32, 16, 8, 4, 2)),
+            (0.5, (32, 16, 8, 4, 2)),
+            (0.35, (16, 8, 4, 2)),
+        ),
+        muscle_groups,
     ),
 }
 """Every soft body that ships."""

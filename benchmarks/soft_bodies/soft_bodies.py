@@ -1,6 +1,6 @@
 """Soft bodies of thousands of nodes beside the physics; each part writes soft_bodies_PART.csv.
 
-python -m benchmarks.soft_bodies.soft_bodies equal_error [cape flag jelly]  emulators that ship: error and time
+python -m benchmarks.soft_bodies.soft_bodies equal_error [cape flag jelly trout]  emulators that ship: error and time
 python -m benchmarks.soft_bodies.soft_bodies flex [cape flag jelly]         the same meshes as flexes of MuJoCo
 python -m benchmarks.soft_bodies.soft_bodies own_flex [cloth jelly]         a user's own flexes; --folder keeps all files
 
@@ -33,7 +33,7 @@ from tempfile import TemporaryDirectory
 from benchmarks.harness import Rows, keep_rows, parser_of, show_rows
 from benchmarks.soft_bodies.equal_error import equal_error_rows
 from benchmarks.soft_bodies.families import FAMILIES
-from benchmarks.soft_bodies.flex import flex_rows
+from benchmarks.soft_bodies.flex import HELD_SIDE, flex_rows
 from benchmarks.soft_bodies.own_flex import EXTENTS, own_flex_rows
 from benchmarks.soft_bodies.own_flex import QUICK as QUICK_FLEX
 from neuroanimator.learn.evaluation.speed import one_core
@@ -47,19 +47,18 @@ def equal_error(options: argparse.Namespace) -> None:
     factors: Rows = []
     names = options.names or list(FAMILIES)
     for name in names:
-        of_body, factors_of_body = equal_error_rows(name)
+        of_body, factors_of_body = equal_error_rows(name, by_reference=options.by_reference)
         rows += of_body
         factors += factors_of_body
         show_rows(of_body)
     show_rows(factors)
-    if len(names) == len(FAMILIES):
-        keep_rows(RESULTS / "soft_bodies_errors.csv", rows, options)
-        keep_rows(RESULTS / "soft_bodies_factors.csv", factors, options)
+    keep_rows(RESULTS / "soft_bodies_errors.csv", rows, options, "body", "what")
+    keep_rows(RESULTS / "soft_bodies_factors.csv", factors, options, "body", "super_steps")
 
 
 def flex(options: argparse.Namespace) -> None:
     """Print and write each body's rows."""
-    rows = flex_rows(options.names or list(FAMILIES), is_quick=options.quick)
+    rows = flex_rows(options.names or list(HELD_SIDE), is_quick=options.quick)
     show_rows(rows)
     keep_rows(RESULTS / "soft_bodies_flex.csv", rows, options)
 
@@ -85,6 +84,9 @@ def main() -> None:
     parser.add_argument("part", choices=PARTS)
     parser.add_argument("names", nargs="*", metavar="BODY")
     parser.add_argument("--folder", type=Path, help="of own_flex: for data and emulators")
+    parser.add_argument(
+        "--by-reference", action="store_true", help="of equal_error: the truth is in finer steps"
+    )
     options = parser.parse_args()
     with one_core():
         PARTS[options.part](options)

@@ -12,7 +12,6 @@ from jaxtyping import Float
 import neuroanimator
 from neuroanimator import Emulator, Policy, System, is_reached, read_pose
 from neuroanimator.authoring import (
-    CLOTH_RGBA,
     SHIPPED_SYSTEMS,
     EmulatorSpec,
     MujocoSystem,
@@ -251,7 +250,7 @@ def describe_surface(skeleton: Skeleton) -> dict[str, Any] | None:
         "faces": packed(tensors["faces"], "<u4"),
         "first": shapes.first,
         "placement": asdict(shapes.placement),
-        "colour": list(CLOTH_RGBA[:3]),
+        "colour": list(shapes.rgba[:3]),
     }
 
 

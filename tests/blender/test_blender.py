@@ -19,7 +19,8 @@ from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.animation.motion import default_drive, named_start, random_drive
 from neuroanimator.animation.push_out import push_out
 from neuroanimator.appearance.colour import linear_of
-from neuroanimator.export.morphs import CLOTH_RGBA, surface_normals
+from neuroanimator.appearance.shapes import CLOTH_RGBA
+from neuroanimator.export.morphs import surface_normals
 from neuroanimator.state.pose import read_pose
 
 ROOT = Path(__file__).parents[2] / "blender"

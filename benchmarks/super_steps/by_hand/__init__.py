@@ -26,9 +26,9 @@ from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.encoding import KEPT_MARGIN
 from neuroanimator.emulator.networks.gated import Gated
 from neuroanimator.emulator.networks.mirrored import Mirrored
-from neuroanimator.emulator.pca import mixing
 from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.errors import ResourceError
+from neuroanimator.state.structure import mixing
 
 HERE = Path(__file__).parent
 
@@ -163,7 +163,7 @@ def _fish(emulator: Emulator) -> tuple[Numbers, Weights]:
         rows = _padded(np.moveaxis(points, -1, -2))
         return rows.reshape(*rows.shape[:-2], -1)
 
-    mixed = mixing(modes.mirror)[0]
+    mixed = mixing(modes.mirror.controls)[0]
     is_position = modes.is_position_mode()
     spread = np.asarray(modes.spread)
     defines = {

@@ -17,6 +17,12 @@ from jaxtyping import Float, Int
 from neuroanimator.files.atomic import Tensors
 from neuroanimator.state.placement import Placement
 
+CLOTH_RGBA = (0.74, 0.25, 0.21, 1.0)
+"""Red, green, blue (sRGB) and opacity of a cloth, and of a solid that is held."""
+
+FLESH_RGBA = (0.47, 0.55, 0.53, 1.0)
+"""Those of a solid that moves freely."""
+
 MAX_NODES = 100_000
 """Maximum number of nodes of a surface: it may come from a stranger, and is drawn."""
 
@@ -67,6 +73,11 @@ class Shapes:
 
     def __hash__(self) -> int:
         return hash(self.digest)
+
+    @property
+    def rgba(self) -> tuple[float, float, float, float]:
+        """Red, green, blue (sRGB) and opacity."""
+        return CLOTH_RGBA if self.placement.orientation < 0 else FLESH_RGBA
 
     @property
     def amplitudes(self) -> slice:

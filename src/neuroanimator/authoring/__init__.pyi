@@ -31,7 +31,6 @@ from neuroanimator.emulator.spec import EmulatorSpec as EmulatorSpec
 from neuroanimator.emulator.super_step import latent_size as latent_size
 from neuroanimator.executor.limited import limit_processor_time as limit_processor_time
 from neuroanimator.executor.python_command import python_command as python_command
-from neuroanimator.export.morphs import CLOTH_RGBA as CLOTH_RGBA
 from neuroanimator.export.programs.c_header import SharedConstants as SharedConstants
 from neuroanimator.export.programs.c_header import stored_latent_size as stored_latent_size
 from neuroanimator.export.programs.definition import commands_of as commands_of

@@ -21,15 +21,19 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from neuroanimator.appearance.skin import SkinTable
-from neuroanimator.definitions.parts import GoalTable, Parameters
+from neuroanimator.definitions.parts import (
+    BodySampling,
+    GaitTable,
+    GoalTable,
+    NotNegative,
+    Parameters,
+    WaterTable,
+)
 from neuroanimator.files.names import PartName, SystemName
-from neuroanimator.files.tables import Finite, Positive, Share, Step, Table
+from neuroanimator.files.tables import Finite, Positive, Step, Table
 
 Integrator = Literal["symplectic", "semi-implicit", "rk4"]
 """Names of the integrators of deformable systems."""
-
-NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
-"""A number that may be zero, for the absence of the effect it measures."""
 
 Pair = tuple[PartName, PartName]
 """Two nodes joined by a spring."""
@@ -71,17 +75,6 @@ class MuscleTable(Table):
     """Springs that each control shortens."""
 
 
-class WaterTable(Table):
-    """Water around the body; `physics.deformable.body.Water` explains the keys."""
-
-    face_drag: NotNegative
-    drag: NotNegative = 0.0
-    buoyancy: Annotated[float, Field(ge=0, le=10)] = 1.0
-    surface: Finite | None = None
-    depth: Positive = 0.1
-    righting: NotNegative = 0.0
-
-
 class GroundTable(Table):
     """Ground under the body; `physics.deformable.body.Ground` explains the keys."""
 
@@ -89,33 +82,6 @@ class GroundTable(Table):
     damping: NotNegative = 0.0
     friction: NotNegative = 0.5
     slip: Positive = 0.05
-
-
-class GaitTable(Table):
-    """The controls of a typical motion; `state.gait.Gait` explains the keys."""
-
-    period: Positive
-    controls: dict[PartName, tuple[Finite, Finite]]
-    """Amplitude and lag [rad] of each control; controls not named stay at rest."""
-
-
-class BodySampling(Table):
-    """Random starts of training runs, around the state of rest."""
-
-    rest_share: Share = 0.2
-    """Share of starts at rest, as most motions begin."""
-    warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
-    """Duration of random driving, from which starts are taken [s]."""
-    velocity: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Standard deviation of the velocity along each of the body's own axes [m/s]."""
-    angular_velocity: NotNegative = 0.0
-    """Standard deviation of each angular velocity [rad/s]."""
-    tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
-    """Standard deviation of the tilt [rad] under gravity; without gravity a body starts at a random orientation."""
-    height: tuple[Finite, Finite] = (0.0, 0.0)
-    """Minimum and maximum height of a start above the height at rest [m]."""
-    strain: Annotated[float, Field(ge=0, le=0.5)] = 0.0
-    """Standard deviation of a random strain of the whole body along each of its axes."""
 
 
 class BodyDefinition(Table):

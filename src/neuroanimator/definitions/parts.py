@@ -1,4 +1,4 @@
-"""TOML tables that several kinds of systems share: parts of states and controls, goals, and parameters of a family."""
+"""TOML tables that several kinds of systems share: parts of states and controls, goals, parameters of a family, water, gaits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, field_validator
 
 from neuroanimator.files.names import PartName
-from neuroanimator.files.tables import Finite, Positive, Table
+from neuroanimator.files.tables import Finite, Positive, Share, Table
 
 MAX_SECONDS = 1e6
 """Maximum duration of a motion to a goal [s]: twelve days, for something slow."""
@@ -17,6 +17,10 @@ MAX_PARAMETERS = 64
 
 MAX_TARGET = 200
 """Maximum number of characters of a parameter's target."""
+
+
+NotNegative = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+"""A number that may be zero, for the absence of the effect it measures."""
 
 
 class StatePart(Table):
@@ -93,3 +97,41 @@ Parameters = Annotated[
     dict[PartName, ParameterTable], Field(max_length=MAX_PARAMETERS), AfterValidator(_in_order)
 ]
 """Table of parameters by name; in a state they are sorted by name."""
+
+
+class WaterTable(Table):
+    """Water around the body; `physics.water.Water` explains the keys."""
+
+    face_drag: NotNegative
+    drag: NotNegative = 0.0
+    buoyancy: Annotated[float, Field(ge=0, le=10)] = 1.0
+    surface: Finite | None = None
+    depth: Positive = 0.1
+    righting: NotNegative = 0.0
+
+
+class GaitTable(Table):
+    """The controls of a typical motion; `state.gait.Gait` explains the keys."""
+
+    period: Positive
+    controls: dict[PartName, tuple[Finite, Finite]]
+    """Amplitude and lag [rad] of each control; controls not named stay at rest."""
+
+
+class BodySampling(Table):
+    """Random starts of training runs, around the state of rest."""
+
+    rest_share: Share = 0.2
+    """Share of starts at rest, as most motions begin."""
+    warm_up: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """Duration of random driving, from which starts are taken [s]."""
+    velocity: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
+    """Standard deviation of the velocity along each of the body's own axes [m/s]."""
+    angular_velocity: NotNegative = 0.0
+    """Standard deviation of each angular velocity [rad/s]."""
+    tilt: Annotated[float, Field(ge=0, le=3.2)] = 0.0
+    """Standard deviation of the tilt [rad] under gravity; without gravity a body starts at a random orientation."""
+    height: tuple[Finite, Finite] = (0.0, 0.0)
+    """Minimum and maximum height of a start above the height at rest [m]."""
+    strain: Annotated[float, Field(ge=0, le=0.5)] = 0.0
+    """Standard deviation of a random strain of the whole body along each of its axes."""

@@ -20,14 +20,18 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from neuroanimator.appearance.shapes import MAX_NODES, MAX_SHAPES
-from neuroanimator.definitions.parts import GoalTable, Parameters
+from neuroanimator.definitions.parts import (
+    BodySampling,
+    GaitTable,
+    GoalTable,
+    NotNegative,
+    Parameters,
+    WaterTable,
+)
 from neuroanimator.files.names import FileName, PartName, SystemName
 from neuroanimator.files.tables import Finite, Positive, Step, Table
 
 Vector = tuple[Finite, Finite, Finite]
-
-NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
-"""A number that may be zero, for the absence of the effect it measures."""
 
 Extent = tuple[NotNegative, NotNegative, NotNegative]
 
@@ -147,12 +151,40 @@ class MoverTable(MotionTable):
     colliders: Annotated[tuple[ColliderTable, ...], Field(max_length=16)] = ()
 
 
+class SolidMusclesTable(Table):
+    """Muscles of a solid: groups of its tetrahedra that shorten on command; every control is one from 0 to 1, shortest."""
+
+    shorten: Annotated[float, Field(gt=0, lt=0.9)] = 0.3
+    """Share of its length by which a muscle shortens at full control."""
+    time_constant: Annotated[float, Field(ge=0, le=10)] = 0.05
+    """Time constant with which a muscle follows its control [s]."""
+    along: Annotated[dict[PartName, Vector], Field(min_length=1, max_length=64)]
+    """Direction of the mesh along which each group of tetrahedra shortens, by the group's name; controls are sorted by it."""
+
+    @field_validator("along")
+    @classmethod
+    def _directed_in_order(cls, along: dict[str, Vector]) -> dict[str, Vector]:
+        for name, direction in along.items():
+            if not any(direction):
+                raise ValueError(
+                    f"{name} has a direction of no length; wanted for instance [1, 0, 0]"
+                )
+        return dict(sorted(along.items()))
+
+
 class GroundPlaneTable(Table):
     """A horizontal plane that the body does not pass."""
 
     height: Finite = 0.0
     """Height of the plane [m]."""
     friction: NotNegative = 0.4
+
+
+LATER_KEYS = (
+    *MeshReading.model_fields,
+    *("parameters", "muscles", "water", "rest_height", "probes", "gait", "sampling"),
+)
+"""Keys that definitions did not have at first."""
 
 
 class SoftDefinition(MeshReading):
@@ -173,8 +205,17 @@ class SoftDefinition(MeshReading):
     solid: SolidTable = SolidTable()
     air: AirTable = AirTable()
     ground: GroundPlaneTable | None = None
-    movers: dict[PartName, MoverTable] = Field(min_length=1, max_length=8)
+    movers: dict[PartName, MoverTable] = Field(default={}, max_length=8)
     """Movers by name; in a state they are sorted by name."""
+    muscles: SolidMusclesTable | None = None
+    water: WaterTable | None = None
+    """Water instead of air."""
+    rest_height: Finite = 0.0
+    """Height added to the mesh in the state of rest [m]: a swimmer rests below the surface."""
+    probes: Annotated[tuple[Vector, ...], Field(max_length=32)] = ()
+    """Positions in the mesh [m] whose height above the water's surface is a feature of an emulator."""
+    gait: GaitTable | None = None
+    sampling: BodySampling = BodySampling()
     parameters: Parameters = Field(default={})
     """Parameters that vary between runs, and what each sets: `air/wind_x`, `air/wind_y` or `air/wind_z` [m/s]."""
     goals: dict[SystemName, GoalTable] = Field(default={})
@@ -187,8 +228,12 @@ class SoftDefinition(MeshReading):
     def travelling(self) -> dict[str, Any]:
         """Return the definition as JSON values, without later keys that say nothing: as before they existed."""
         values = self.model_dump(mode="json")
-        later = MeshReading().model_dump() | {"parameters": {}}
-        return {key: value for key, value in values.items() if value != later.get(key, ...)}
+        later = {key: type(self).model_fields[key].get_default() for key in LATER_KEYS}
+        return {
+            key: value
+            for key, value in values.items()
+            if key not in later or getattr(self, key) != later[key]
+        }
 
     @property
     def margin(self) -> float:

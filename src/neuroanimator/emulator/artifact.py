@@ -30,11 +30,13 @@ def save(emulator: SuperStep, path: Path, provenance: dict[str, Any] | None = No
     """Write `emulator`; `provenance` states what it was trained on and how (any JSON)."""
     metadata = describe(emulator)
     metadata["provenance"] = provenance or {}
-    tensors = emulator_tensors(emulator)
+    write_tensors(path, emulator_tensors(emulator) | shape_tensors(emulator), metadata)
+
+
+def shape_tensors(emulator: SuperStep) -> Tensors:
+    """Return the arrays of a soft body's shapes by their names in files; none of other bodies."""
     shapes = emulator.skeleton.shapes
-    if shapes is not None:
-        tensors |= prefixed("shapes", shapes.tensors())
-    write_tensors(path, tensors, metadata)
+    return {} if shapes is None else prefixed("shapes", shapes.tensors())
 
 
 def check_readable(emulator: SuperStep, folder: Path, provenance: dict[str, Any]) -> None:
@@ -64,7 +66,7 @@ def emulator_from(path: Path, tensors: Tensors, metadata: Metadata, kind: type[M
     keep_programs()
     check_format(path, metadata.get("format"), FORMAT, MAKER)
     try:
-        weights, shapes = _parted(tensors)
+        weights, shapes = without_shapes(tensors)
         emulator = with_tensors(blank(metadata, kind, shapes), emulator_leaves, weights)
         check_arrays(emulator)
     except FAULTS as error:
@@ -79,10 +81,8 @@ def emulator_from(path: Path, tensors: Tensors, metadata: Metadata, kind: type[M
     return emulator
 
 
-def _parted(
-    tensors: Tensors,
-) -> tuple[Tensors, Tensors]:
-    """Return (the arrays of an emulator, the arrays of a soft body's shapes by their own names)."""
+def without_shapes(tensors: Tensors) -> tuple[Tensors, Tensors]:
+    """Return (the arrays of an emulator or a policy, those of a soft body's shapes by their own names)."""
     weights = {}
     shapes = {}
     for name, tensor in tensors.items():

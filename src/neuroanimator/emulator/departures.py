@@ -164,7 +164,7 @@ def _excess(
     features = np.asarray(emulator.raw_features_of(path, controls), float)
     beyond = np.maximum(np.maximum(low - features, features - high), 0)
     excess = beyond / (np.asarray(emulator.domain.margin, float) / MARGIN)
-    if not emulator.encoding.is_identity:
+    if not emulator.encoding.keeps_entries:
         entries = emulator.encoding.layout.index("modes")
         is_mode = [entries.start <= entry < entries.stop for entry in emulator.features.plain]
         excess[..., np.flatnonzero(is_mode)] = 0

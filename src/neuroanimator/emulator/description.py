@@ -14,7 +14,7 @@ import numpy as np
 from neuroanimator.appearance.skeleton import kinematics_of
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
-from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
+from neuroanimator.emulator.encoding import PARTNERS, Encoding, StateEncoding
 from neuroanimator.emulator.error_bounds import ErrorBounds
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.networks import blank_network, network_to_json
@@ -76,8 +76,10 @@ def blank(
     """
     spec = EmulatorSpec.from_json(metadata, shapes or {})
     controls = spec.control.size
-    encoding = IdentityEncoding(spec.state)
-    if metadata["modes"] is not None:
+    encoding = StateEncoding(spec.state)
+    if metadata["modes"] is not None and PARTNERS in metadata["modes"]:
+        encoding = StateEncoding.from_json(metadata["modes"], spec.state, controls)
+    elif metadata["modes"] is not None:
         encoding = ShapeModes.from_json(metadata["modes"], spec.state.size, controls)
     latent_size = encoding.layout.size
     # the frame, with what a body may touch

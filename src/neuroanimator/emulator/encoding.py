@@ -1,6 +1,6 @@
 """Encodings: from a state to the latent state in which super steps are computed, and back.
 
-For most systems super steps are computed in the state itself (`IdentityEncoding`); for a deformable body of
+For most systems super steps are computed in the state itself (`StateEncoding`); for a deformable body of
 hundreds of mass points, in a rigid frame and a few shape modes (`shape_modes.ShapeModes`).
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import math
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -17,10 +18,17 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.features import Features
+from neuroanimator.files.numbers import entries
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.segments import Segment
-from neuroanimator.state.structure import Structure
+from neuroanimator.state.structure import Structure, mixing, pairs_up
+
+ACTIVATIONS = "activations"
+"""Name of the part of a state that holds those of muscles."""
+
+PARTNERS = "partners"
+"""Key of a mirror in files."""
 
 KEPT_MARGIN = 0.1
 """Share of its range by which a predicted number may leave it: further out predictions are meaningless."""
@@ -38,6 +46,11 @@ class Encoding(eqx.Module):
     @abc.abstractmethod
     def is_identity(self) -> bool:
         """Whether the latent state is the state itself."""
+
+    @property
+    @abc.abstractmethod
+    def keeps_entries(self) -> bool:
+        """Whether latent numbers are entries of the state, in their order, but for mixtures of activations."""
 
     @property
     @abc.abstractmethod
@@ -109,11 +122,23 @@ class Encoding(eqx.Module):
         """Return the JSON that, together with the arrays, makes up the encoding; None for the identity."""
 
 
-class IdentityEncoding(Encoding):
-    """The latent state is the state itself."""
+class StateEncoding(Encoding):
+    """The latent state is the state itself, but for muscles with a mirror: differences of left and right, then sums."""
 
     state: Layout = eqx.field(static=True)
     """Named parts of a state (S,)."""
+    partners: tuple[int, ...] = eqx.field(static=True, default=())
+    """Partner of each muscle in the mirror; empty without one."""
+
+    @classmethod
+    def from_json(cls, described: Any, state: Layout, controls: int) -> StateEncoding:
+        """Return the encoding that `to_json` wrote; ValueError names the fault."""
+        partners = entries(described[PARTNERS], "modes: partners", controls)
+        if not pairs_up(partners, controls):
+            raise ValueError("modes: a mirror that does not pair left and right")
+        if (ACTIVATIONS, controls) not in [(part.name, part.size) for part in state.slices]:
+            raise ValueError("modes: wanted as many activations as controls")
+        return cls(state, partners)
 
     @property
     def layout(self) -> Layout:
@@ -121,15 +146,19 @@ class IdentityEncoding(Encoding):
 
     @property
     def is_identity(self) -> bool:
+        return not self.partners
+
+    @property
+    def keeps_entries(self) -> bool:
         return True
 
     @property
     def odd_controls(self) -> int:
-        return 0
+        return mixing(self.partners)[1] if self.partners else 0
 
     @property
     def is_mirrored(self) -> bool:
-        return False
+        return bool(self.partners)
 
     @property
     def max_speed(self) -> float:
@@ -140,22 +169,38 @@ class IdentityEncoding(Encoding):
         return math.inf
 
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B S"]:
-        return state
+        return self._with_muscles(state, self.encode_control)
 
     def decode(self, latent: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B S"]:
-        return latent
+        return self._with_muscles(latent, self.decode_control)
+
+    def _with_muscles(
+        self, state: Float[AnyArray, "*B S"], coded: Callable[[AnyArray], AnyArray]
+    ) -> Float[AnyArray, "*B S"]:
+        """Return `state` with its activations in the other code."""
+        if not self.partners:
+            return state
+        at = self.state.index(ACTIVATIONS)
+        parts = [state[..., : at.start], coded(state[..., at]), state[..., at.stop :]]
+        return state.__array_namespace__().concat(parts, axis=-1)
 
     def state_axes(self, latent_axes: tuple[int, ...]) -> tuple[int, ...]:
         return latent_axes
 
     def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        return control
+        if not self.partners:
+            return control
+        mix = control.__array_namespace__().asarray(mixing(self.partners)[0], dtype=control.dtype)
+        return control @ mix
 
     def decode_control(self, latent: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        return latent
+        if not self.partners:
+            return latent
+        mix = latent.__array_namespace__().asarray(mixing(self.partners)[0], dtype=latent.dtype)
+        return latent @ mix.mT
 
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B S"]:
-        return states.astype(np.float32, copy=False)
+        return self.encode(states).astype(np.float32, copy=False)
 
     def bounded(
         self, latent: Float[Array, " S"], features: Features, domain: Domain
@@ -177,5 +222,5 @@ class IdentityEncoding(Encoding):
     def leaves(self) -> dict[str, Any]:
         return {}
 
-    def to_json(self) -> None:
-        return None
+    def to_json(self) -> dict[str, Any] | None:
+        return {PARTNERS: list(self.partners)} if self.partners else None

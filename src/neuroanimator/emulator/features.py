@@ -96,7 +96,6 @@ class Features(eqx.Module):
             if self.is_odd:
                 return self._parted(plain)
             return plain, plain[:0]
-        # A sum of products, as it is fused with what follows, whereas `@` is a separate call.
         angle = self.angles @ state
         sine, cosine = sine_cosine(angle)
         if self.is_odd:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,10 +11,6 @@ from neuroanimator.state.structure import Mirror
 
 LEFT_OUT = 0.04
 """Share of the variation (rms) that the default number of modes leaves out: about a good emulator's error."""
-
-
-MAX_MIRRORS = 64
-"""Maximum number of mirrors whose mixing is cached: every rollout needs it, and it takes a millisecond."""
 
 
 class Basis(NamedTuple):
@@ -76,21 +71,3 @@ def reflection(mirror: Mirror) -> Float[np.ndarray, "D D"]:
     """Return the matrix (3N, 3N) that swaps partners and reverses Y."""
     swap = np.eye(len(mirror.points))[list(mirror.points)]
     return np.kron(swap, np.diag([1.0, -1.0, 1.0]))
-
-
-@lru_cache(maxsize=MAX_MIRRORS)
-def mixing(mirror: Mirror) -> tuple[Float[np.ndarray, "C C"], int]:
-    """Return (orthogonal matrix (C, C), number of its odd columns): differences of partners, then sums."""
-    count = len(mirror.controls)
-    units = np.eye(count)
-    odd = []
-    even = []
-    for control, partner in enumerate(mirror.controls):
-        if partner == control:
-            even.append(units[control])
-        elif control < partner:
-            odd.append((units[control] - units[partner]) / np.sqrt(2))
-            even.append((units[control] + units[partner]) / np.sqrt(2))
-    columns = np.stack([*odd, *even], axis=1)
-    columns.flags.writeable = False
-    return columns, len(odd)

@@ -19,7 +19,6 @@ from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.encoding import Encoding
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.origin import NOWHERE
-from neuroanimator.emulator.pca import mixing
 from neuroanimator.files.numbers import listed, number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.body_frame import PROBE_FEATURES
@@ -42,7 +41,7 @@ from neuroanimator.state.segments import (
     Segment,
     Velocity,
 )
-from neuroanimator.state.structure import Mirror, Structure
+from neuroanimator.state.structure import REVERSED_ABOUT, REVERSED_ALONG, Mirror, Structure, mixing
 
 TINY = 1e-12
 """Offset added to squares before dividing by their root, so that bodies at rest are not divided by zero."""
@@ -59,12 +58,6 @@ LIMITS = Layout(
     )
 )
 """Entries of `ShapeModes.limits`; modes in standard deviations, root mean square."""
-
-REVERSED_ALONG = (False, True, False)
-"""Entries of a vector that the mirror, which reverses Y, reverses."""
-
-REVERSED_ABOUT = (True, False, True)
-"""Entries of a rotation vector that the mirror reverses: rotations about X and Z."""
 
 
 class ShapeModes(Encoding):
@@ -103,6 +96,10 @@ class ShapeModes(Encoding):
         return False
 
     @property
+    def keeps_entries(self) -> bool:
+        return False
+
+    @property
     def count(self) -> int:
         """Number of modes, of positions and velocities together."""
         return self.positions.shape[1] + self.velocities.shape[1]
@@ -138,7 +135,7 @@ class ShapeModes(Encoding):
     def odd_controls(self) -> int:
         if self.mirror is None:
             return 0
-        return mixing(self.mirror)[1]
+        return mixing(self.mirror.controls)[1]
 
     @property
     def max_speed(self) -> float:
@@ -212,12 +209,12 @@ class ShapeModes(Encoding):
         """Return (..., C) antisymmetric, then symmetric combinations of left and right controls."""
         if self.mirror is None or not control.shape[-1]:
             return control
-        return control @ _like(mixing(self.mirror)[0], control)
+        return control @ _like(mixing(self.mirror.controls)[0], control)
 
     def decode_control(self, latent: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
         if self.mirror is None or not latent.shape[-1]:
             return latent
-        return latent @ _like(mixing(self.mirror)[0], latent).mT
+        return latent @ _like(mixing(self.mirror.controls)[0], latent).mT
 
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B I"]:
         # Block by block: in double precision a dataset would take many times its memory.
@@ -319,7 +316,7 @@ class ShapeModes(Encoding):
         features, and the controls.
         """
         assert self.mirror is not None
-        odd_controls = mixing(self.mirror)[1]
+        odd_controls = mixing(self.mirror.controls)[1]
         controls = tuple(i < odd_controls for i in range(len(self.mirror.controls)))
         activations = controls if self.muscles else ()
         gravity = REVERSED_ALONG if body.has_gravity else ()

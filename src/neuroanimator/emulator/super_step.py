@@ -212,7 +212,7 @@ class SuperStep(eqx.Module):
 
     def max_speed(self) -> Float[AnyArray, ""] | float | None:
         """Return the maximum speed of a freely moving body in training [m/s]; None if nothing moves freely."""
-        if not self.encoding.is_identity:
+        if not self.encoding.keeps_entries:
             return self.encoding.max_speed  # that its encoding keeps to
         local = self._local_features
         return self.frame.max_speed(self.domain.low[local], self.domain.high[local])
@@ -229,7 +229,7 @@ class SuperStep(eqx.Module):
         """Return a latent state within bounds, except its parameters: a body outside of the family stays so, and scores so."""
         bounded = self.encoding.bounded(following, self.features, self.domain)
         local = self._local_features
-        if self.encoding.is_identity:
+        if self.encoding.keeps_entries:
             low, high = self.domain.widened(KEPT_MARGIN, local)
             bounded = self.frame.kept_in_range(bounded, before, low, high)
         bounded = self.frame.kept_above_ground(bounded, self.domain.low[local])

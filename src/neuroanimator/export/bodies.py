@@ -19,7 +19,7 @@ from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.appearance.skin import Skin
 from neuroanimator.appearance.skin_mesh import SkinMesh, colours_of, parts_of, skin_mesh
 from neuroanimator.export.ghost import GHOST_RGBA
-from neuroanimator.export.morphs import CLOTH_RGBA, SurfaceNode, surface_nodes
+from neuroanimator.export.morphs import SurfaceNode, surface_nodes
 from neuroanimator.state.rotation import continuous, rotation_matrices
 
 
@@ -38,9 +38,6 @@ GHOST = Paint("ghost", GHOST_RGBA)
 
 THIN_GHOST = Paint("ghost cloth", GHOST_RGBA, is_thin=True)
 """The paint of a ghost's surface."""
-
-CLOTH = Paint("cloth", CLOTH_RGBA, is_thin=True)
-"""The paint of a soft body's surface."""
 
 
 class BoneNode(NamedTuple):
@@ -80,6 +77,13 @@ class SceneBody:
     skin: SkinNode | None
     surface: SurfaceNode | None
     is_ghost: bool
+
+    @property
+    def surface_paint(self) -> Paint:
+        """The paint of its surface."""
+        shapes = self.clip.skeleton.shapes
+        assert shapes is not None
+        return THIN_GHOST if self.is_ghost else Paint("cloth", shapes.rgba, is_thin=True)
 
 
 def bodies_of(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[SceneBody]:

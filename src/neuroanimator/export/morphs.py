@@ -20,9 +20,6 @@ from jaxtyping import Float, Int
 from neuroanimator.appearance.loft import Surface, normals_of
 from neuroanimator.appearance.shapes import Shapes
 
-CLOTH_RGBA = (0.74, 0.25, 0.21, 1.0)
-"""Red, green, blue (sRGB) and opacity of a surface."""
-
 TOLERANCE = 2.5e-4
 """Rms distance of the nodes, in the worst frame, below which no target is added, over the body's size."""
 

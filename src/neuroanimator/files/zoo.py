@@ -31,6 +31,8 @@ class ShippedSystem:
     has_policy: bool = False
     is_soft: bool = False
     """Whether it has thousands of nodes, emulated by the amplitudes of shapes."""
+    has_muscles: bool = False
+    """Whether it is soft, and swims by muscles of its own."""
     recipe: Mapping[str, Any] = field(default_factory=dict)
     """Recipe of its emulators: see `learn.training.recipes`."""
     large: Mapping[str, Any] = field(default_factory=dict)

@@ -15,7 +15,7 @@ from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.appearance.skin import Skin
 from neuroanimator.appearance.skin_mesh import INFLUENCES, SkinMesh, colours_of, skin_mesh
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
-from neuroanimator.export.morphs import CLOTH_RGBA, surface_normals
+from neuroanimator.export.morphs import surface_normals
 from neuroanimator.film.bounding_boxes import bounding_boxes
 from neuroanimator.film.camera import Shots
 from neuroanimator.film.options import Take
@@ -159,7 +159,7 @@ def _add_skeleton(spec: mujoco.MjSpec, number: int, skeleton: Skeleton, is_ghost
             _colour(spec, material, skin, skeleton.skin, mesh)
     if skeleton.shapes is not None:
         material = spec.add_material(name=f"{number} surface", specular=0.1, shininess=0.2)
-        material.rgba = CLOTH_RGBA
+        material.rgba = skeleton.shapes.rgba
         _add_skin(spec, material, _two_sided(skeleton.shapes), is_ghost)
 
 

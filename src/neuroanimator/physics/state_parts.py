@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.definitions.parts import ControlPart, ParameterTable, StatePart
+from neuroanimator.definitions.parts import ControlPart, GaitTable, ParameterTable, StatePart
 from neuroanimator.errors import ArgumentError
+from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.segments import Constant, Plain
@@ -174,3 +175,19 @@ def parameter_from_table(name: str, table: ParameterTable, unit: str, own: float
             "Widen it, or give nominal = … within it."
         )
     return Parameter(name, unit, low, high, nominal)
+
+
+def gait_of(table: GaitTable | None, names: Sequence[str]) -> Gait | None:
+    """Return the gait of a body with controls of these names; ArgumentError if it drives another."""
+    if table is None:
+        return None
+    for name in table.controls:
+        if name not in names:
+            raise ArgumentError(
+                f"gait.controls: no control called '{name}'. Controls: {', '.join(names)}."
+            )
+    at_rest = (0.0, 0.0)
+    waves = [table.controls.get(name, at_rest) for name in names]
+    amplitudes = tuple(amplitude for amplitude, _ in waves)
+    lags = tuple(lag for _, lag in waves)
+    return Gait(table.period, amplitudes, lags)

@@ -13,15 +13,22 @@ from neuroanimator.definitions.soft import SOLID_ENDING, MeshReading, SoftDefini
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.tables import check_table
-from neuroanimator.learn.data.config import SAMPLES_PER_RUN, SOFT_COUNT
+from neuroanimator.learn.data.config import (
+    SAMPLES_PER_RUN,
+    SOFT_COUNT,
+    SWIMMER_COUNT,
+    USUAL_SAMPLES_PER_RUN,
+)
+from neuroanimator.physics.soft.mesh import Mesh
 from neuroanimator.physics.soft.mesh_file import MAX_FILE, read_mesh
 from neuroanimator.physics.soft.scene import Scene
 from neuroanimator.physics.soft.soft_body import GRAVITY, Points
-from neuroanimator.physics.soft.soft_system import THROW_STEPS, SoftSystem
+from neuroanimator.physics.soft.soft_system import SWIM_STEPS, THROW_STEPS, SoftSystem
 from neuroanimator.scaffold.defaults import usual_name
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.scaffold.teacher import data_row
 from neuroanimator.state.shape_contacts import FREE
+from neuroanimator.text import listed
 
 STEP = 1 / 1200
 """Small physics step [s]."""
@@ -65,6 +72,12 @@ SAG = 0.05
 HARDER = 10.0
 """Bulk modulus over Young's modulus."""
 
+FACE_DRAG = 800.0
+"""Drag of the faces of a swimmer 1 m long [kg/(m²·s)]; it grows with the root of the length, as speeds do."""
+
+SWIMMER_DAMPING = 4e-3
+"""Internal friction of flesh [s]."""
+
 PADDLE = (0.1, 0.4, 0.4)
 """Half the size of the paddle, over the size of the body."""
 
@@ -77,6 +90,12 @@ FREE_ROW = (
 )
 """Row for the screen about a body that nothing holds: its tumbling is chaotic."""
 
+NO_MUSCLES_ROW = (
+    "muscles",
+    'none: its mesh names no groups of tetrahedra (Gmsh: Physical Volume("left") = {1};)',
+)
+"""Row for the screen about a solid without muscles."""
+
 COMMENTS = {
     "unit": "of the mesh's numbers",
     "up": "the mesh's axis that points up",
@@ -87,6 +106,9 @@ COMMENTS = {
     "cloth": "Material: density [kg/m²], stretch [N/m], bend [N/m], damping [s], thickness [m].",
     "solid": "Material: density [kg/m³], stretch (Young's modulus) and bulk modulus [Pa], damping [s].",
     "ground": "A level plane: height [m].",
+    "muscles": "Groups of tetrahedra that shorten along a direction: each is a control from 0 to 1.",
+    "water": "Water: drag of faces [kg/(m²·s)], height of the centre of buoyancy over that of mass [m].",
+    "sampling": "Random starts of training runs.",
     "air": "Air: drag [1/s], density [kg/m³], wind [m/s].",
     "movers": "What moves: a control is its velocity, at most `speed` [m/s], and its turning rate. Its colliders strike; "
     "nodes that are its `pins` go with it.",
@@ -105,7 +127,10 @@ def propose_soft(path: Path, given: MeshReading) -> Proposal:
     if "unit" not in given.model_fields_set:
         _ask_for_unit(path.name, mesh.positions)
     is_solid = path.suffix == SOLID_ENDING
-    if is_solid:
+    if mesh.groups:
+        own = _swimmer_values(mesh, size)
+        held_row = ("muscles", f"{listed(mesh.groups)}, along the longest side of each")
+    elif is_solid:
         own = _solid_values(mesh.positions, size)
         held_row = FREE_ROW
     else:
@@ -134,13 +159,19 @@ def propose_soft(path: Path, given: MeshReading) -> Proposal:
     if mesh.mended:
         told.append(("mended", "; ".join(mesh.mended)))
     told.append(held_row)
+    if is_solid and not mesh.groups:
+        told.append(NO_MUSCLES_ROW)
     constraints = len(scene.body.pairs) + len(scene.body.tetrahedra)
-    steps = definition.substeps * TRUTH_PARTS * data_steps(scene.anchor == FREE)
-    seconds = steps * constraints * CONSTRAINT_SECONDS
-    told.append(data_row(SOFT_COUNT, seconds))
+    count, frames = SOFT_COUNT, data_steps(scene.anchor == FREE)
     parts = ("holder", "ball", "holder_velocity", "ball_velocity")
-    if is_solid:
+    if mesh.groups:
+        count, frames = SWIMMER_COUNT, swimming_steps(definition)
+        parts = ("position", "orientation", "velocity", "activations")
+    elif is_solid:
         parts = ("paddle", "paddle_heading", "position", "velocity")
+    steps = definition.substeps * TRUTH_PARTS * frames
+    seconds = steps * constraints * CONSTRAINT_SECONDS
+    told.append(data_row(count, seconds))
     warnings = tuple(_warnings(mesh.positions, given, is_solid))
     return Proposal(definition, COMMENTS, parts, warnings, tuple(told), seconds)
 
@@ -149,6 +180,12 @@ def data_steps(is_free: bool) -> float:
     """Return the number of super steps in the usual data."""
     run_steps = THROW_STEPS if is_free else SoftSystem.run_steps
     return SOFT_COUNT / SAMPLES_PER_RUN * run_steps
+
+
+def swimming_steps(definition: SoftDefinition) -> float:
+    """Return the number of super steps in the usual data of a body with muscles: runs, and their warm-up."""
+    warm_up = definition.sampling.warm_up / (definition.substeps * definition.physics.step)
+    return SWIMMER_COUNT / USUAL_SAMPLES_PER_RUN * (SWIM_STEPS + warm_up)
 
 
 def _ask_for_unit(name: str, positions: Points) -> None:
@@ -234,6 +271,35 @@ def _solid_values(positions: Points, size: float) -> dict[str, Any]:
     }
 
 
+def _swimmer_values(mesh: Mesh, size: float) -> dict[str, Any]:
+    """Return the material, the muscles and the water of a solid whose mesh has groups."""
+    along = {}
+    for number, name in enumerate(mesh.groups):
+        inside = mesh.elements[mesh.members == number]
+        along[name] = _rounded(_longest_axis(mesh.positions[inside].mean(axis=1)))
+    stretch = float(f"{-DENSITY * GRAVITY[2] * size / SAG:.2g}")
+    return {
+        "shapes": 32,
+        "solid": {
+            "density": DENSITY,
+            "stretch": stretch,
+            "bulk": HARDER * stretch,
+            "damping": SWIMMER_DAMPING,
+        },
+        "muscles": {"along": along},
+        "water": {
+            "face_drag": float(f"{FACE_DRAG * np.sqrt(size):.2g}"),
+            "righting": _rounded(0.01 * size),
+        },
+        "sampling": {
+            "warm_up": 0.3,
+            "velocity": _rounded(np.array([0.4, 0.1, 0.1]) * size),
+            "angular_velocity": 0.5,
+            "tilt": 0.5,
+        },
+    }
+
+
 def _held_edge(positions: Points, size: float) -> tuple[np.ndarray, str]:
     """Return the nodes of the upper edge, or of one side of a level mesh; and a name for them."""
     along = positions[:, 2]
@@ -250,8 +316,19 @@ def _held_edge(positions: Points, size: float) -> tuple[np.ndarray, str]:
 
 def _thinnest_axis(positions: Points) -> Float[np.ndarray, " 3"]:
     """Return the unit vector along which the mesh extends least."""
+    return _axes(positions)[-1]
+
+
+def _longest_axis(positions: Points) -> Float[np.ndarray, " 3"]:
+    """Return the unit vector along which points extend most, forward."""
+    axis = _axes(positions)[0]
+    return axis if axis[0] >= 0 else -axis
+
+
+def _axes(positions: Points) -> Float[np.ndarray, "3 3"]:
+    """Return the principal axes of points, in rows, the longest first."""
     _, _, axes = np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)
-    return axes[-1]
+    return axes
 
 
 def _rounded(values: Any) -> Any:

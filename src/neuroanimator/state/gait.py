@@ -22,7 +22,7 @@ MAX_AMPLITUDE = 1e6
 
 @dataclass(frozen=True)
 class Gait:
-    """Controls middle + half width · amplitude · sin(2π t / period - lag)."""
+    """Controls idle + reach · amplitude · sin(2π t / period - lag), within bounds: muscles that only pull rest in between."""
 
     period: float
     """Period [s]."""
@@ -38,7 +38,7 @@ class Gait:
         middles = (np.arange(steps)[:, None] + 0.5) * dt
         phases = 2 * np.pi * tempo / self.period * middles - np.array(self.lags)
         amplitudes = strength * np.array(self.amplitudes)
-        pattern = bounds.middle + amplitudes * np.sin(phases) * bounds.half
+        pattern = bounds.idle + amplitudes * np.sin(phases) * bounds.reach
         return bounds.clip(pattern)
 
     def to_json(self) -> list[Any]:

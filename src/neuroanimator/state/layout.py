@@ -199,6 +199,11 @@ class Bounds:
         """Control that holds the system at rest (C,): `holding` if given, else zero, or as near to it as the bounds allow."""
         return self.clip(np.array(self.holding or np.zeros(len(self.low))))
 
+    @property
+    def reach(self) -> np.ndarray:
+        """Distance from the idle control to the farther bound (C,): half the range if it is in the middle."""
+        return np.maximum(np.array(self.high) - self.idle, self.idle - np.array(self.low))
+
     def contain(self, controls: np.ndarray) -> bool:
         """Return whether all `controls` (..., C) lie within the bounds, up to rounding."""
         return not self._beyond(controls).any()

@@ -243,22 +243,11 @@ class ShapeContacts:
         return tuple(collider for collider in colliders if collider.mover != self.anchor)
 
     def common_scale(self, scale: Float[np.ndarray, " V"]) -> Float[np.ndarray, " V"]:
-        """Return the scales of the numbers of a change, so that errors in each count as they move the nodes.
-
-        Rotations of a free root move nodes by the radius of gyration.
-        """
-        count = len(self.modes)
-        levers = np.ones(len(scale))
-        if self.anchor == FREE:
-            around = self.mean - self.mean.mean(axis=0)
-            levers[[3, 4, 5, 9, 10, 11]] = np.sqrt((around**2).sum(axis=1).mean())
-        roots = len(scale) - 2 * count
-        of_root = np.arange(roots).reshape(2, -1)
-        of_shapes = np.arange(roots, len(scale)).reshape(2, -1)
-        common = np.empty(len(scale))
-        for row in np.concatenate([of_root, of_shapes], axis=1):
-            common[row] = np.sqrt(np.mean((levers * scale)[row] ** 2))
-        return common / levers
+        """Return the scales of the numbers of a change, so that errors in each count as they move the nodes."""
+        if self.anchor != FREE:
+            return common_scale(scale)
+        around = self.mean - self.mean.mean(axis=0)
+        return common_scale(scale, np.sqrt((around**2).sum(axis=1).mean()))
 
     def shown(
         self, state: Float[AnyArray, "... S"], control: Float[AnyArray, "... C"], dt: float
@@ -514,6 +503,24 @@ class ShapeContacts:
         if controls != contacts.mover_size or state_size != contacts.first + 2 * len(modes):
             raise ValueError("shape contacts: other movers or shapes than the state's")
         return contacts
+
+
+def common_scale(scale: Float[np.ndarray, " V"], gyration: float = 0.0) -> Float[np.ndarray, " V"]:
+    """Return the scales of the numbers of a change, so that errors in each count as they move the nodes.
+
+    A change has those of a free root, if there is one, then those of shapes and of their rates. Rotations of the root move
+    nodes by the radius of `gyration` [m]; 0 without a root.
+    """
+    root = 12 if gyration else 0
+    levers = np.ones(len(scale))
+    if gyration:
+        levers[[3, 4, 5, 9, 10, 11]] = gyration
+    of_root = np.arange(root).reshape(2, -1)
+    of_shapes = np.arange(root, len(scale)).reshape(2, -1)
+    common = np.empty(len(scale))
+    for row in np.concatenate([of_root, of_shapes], axis=1):
+        common[row] = np.sqrt(np.mean((levers * scale)[row] ** 2))
+    return common / levers
 
 
 def _vector(vector: Point, moment: _Moment) -> Float[AnyArray, "... 3"]:

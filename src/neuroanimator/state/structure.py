@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,20 @@ from neuroanimator.state.contacts import Contacts
 from neuroanimator.state.layout import Pairs
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.segments import Segment, moves_freely, orientations_of
-from neuroanimator.state.shape_contacts import ShapeContacts
+from neuroanimator.state.shape_contacts import ShapeContacts, common_scale
+
+MAX_MIRRORS = 64
+"""Maximum number of mirrors whose mixing is cached: every rollout needs it, and it takes a millisecond."""
 
 Probe = tuple[float, float, float, float]
 """Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
+
+
+REVERSED_ALONG = (False, True, False)
+"""Entries of a vector that the mirror, which reverses Y, reverses."""
+
+REVERSED_ABOUT = (True, False, True)
+"""Entries of a rotation vector that the mirror reverses: rotations about X and Z."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +51,47 @@ class Mirror:
             entries(point_partners, f"{what}: mirror", points),
             entries(control_partners, f"{what}: mirror", controls),
         )
-        if not _pairs_up(mirror.points, points) or not _pairs_up(mirror.controls, controls):
+        if not pairs_up(mirror.points, points) or not pairs_up(mirror.controls, controls):
             raise ValueError(f"{what}: a mirror that does not pair left and right")
         return mirror
 
 
-def _pairs_up(partners: tuple[int, ...], count: int) -> bool:
+@lru_cache(maxsize=MAX_MIRRORS)
+def mixing(partners: tuple[int, ...]) -> tuple[Float[np.ndarray, "C C"], int]:
+    """Return (orthogonal matrix (C, C), number of its odd columns): differences of partners, then sums.
+
+    `partners` are those of each control: see `Mirror`.
+    """
+    count = len(partners)
+    units = np.eye(count)
+    odd = []
+    even = []
+    for control, partner in enumerate(partners):
+        if partner == control:
+            even.append(units[control])
+        elif control < partner:
+            odd.append((units[control] - units[partner]) / np.sqrt(2))
+            even.append((units[control] + units[partner]) / np.sqrt(2))
+    columns = np.stack([*odd, *even], axis=1)
+    columns.flags.writeable = False
+    return columns, len(odd)
+
+
+def pairs_up(partners: tuple[int, ...], count: int) -> bool:
     """Return whether everything is the partner of its partner."""
     if len(partners) != count:
         return False
     return all(0 <= p < count and partners[p] == i for i, p in enumerate(partners))
+
+
+@dataclass(frozen=True)
+class SoftSwimmer:
+    """A soft body that moves freely: its root, then its shapes and their rates, then activations of its muscles."""
+
+    gyration: float
+    """Radius of gyration at rest [m]: rotations move nodes by as much."""
+    odd: tuple[bool, ...]
+    """Whether the mirror reverses each number of the angular velocity, each shape and each rate; empty without a mirror."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +124,7 @@ class Structure:
     `is_immersed`: whether probes measure the distance to the surface of water instead of to the ground.
     `contacts`: points and joints of a jointed body that may touch the ground or reach a stop.
     `shape_contacts`: nodes of a soft body that may touch movers.
+    `swimmer`: a soft body with muscles that moves freely in water.
     """
 
     angles: tuple[tuple[int, ...], ...]
@@ -100,11 +143,14 @@ class Structure:
     is_immersed: bool = False
     contacts: Contacts | None = None
     shape_contacts: ShapeContacts | None = None
+    swimmer: SoftSwimmer | None = None
 
     @property
     def is_in_water(self) -> bool:
-        """Whether this is a body of mass points that water carries, or that no ground holds and no gravity pulls."""
-        return self.cloud is not None and (self.is_immersed or not self.has_gravity)
+        """Whether water carries the body, or no ground holds its mass points and no gravity pulls them."""
+        return self.swimmer is not None or (
+            self.cloud is not None and (self.is_immersed or not self.has_gravity)
+        )
 
     def __str__(self) -> str:
         """Return the numbers of its parts; `repr` is complete, and identifies compiled code."""
@@ -126,9 +172,16 @@ class Structure:
 
         Errors of all shapes add up alike to those of its nodes.
         """
-        if self.shape_contacts is None:
-            return scale
-        return self.shape_contacts.common_scale(scale)
+        if self.shape_contacts is not None:
+            return self.shape_contacts.common_scale(scale)
+        if self.swimmer is not None:
+            return common_scale(scale, self.swimmer.gyration)
+        return scale
+
+    @property
+    def is_soft(self) -> bool:
+        """Whether the state holds the amplitudes of shapes of thousands of nodes."""
+        return self.shape_contacts is not None or self.swimmer is not None
 
     @property
     def orientations(self) -> Pairs:

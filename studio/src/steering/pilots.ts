@@ -41,10 +41,11 @@ export class GaitPilot implements Pilot {
   control(_state: Float32Array, step: number): number[] {
     const { control_low: lows, control_high: highs, dt } = this.facts;
     const phase = (2 * Math.PI * (step + 0.5) * dt) / this.gait.period;
-    return lows.map((low, i) => {
+    return neutralControl(this.facts).map((idle, i) => {
+      const low = lows[i]!;
       const high = highs[i]!;
       const wave = this.gait.amplitudes[i]! * Math.sin(phase - this.gait.lags[i]!);
-      return clamp((low + high + wave * (high - low)) / 2, low, high);
+      return clamp(idle + wave * Math.max(high - idle, idle - low), low, high);
     });
   }
 }

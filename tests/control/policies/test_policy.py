@@ -32,7 +32,7 @@ from neuroanimator.control.policies.steering import (
     steer_left,
     unit,
 )
-from neuroanimator.emulator.pca import mixing, reflection
+from neuroanimator.emulator.pca import reflection
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.files.zoo import POLICIES, find_emulator, find_policy, shipped_policy
@@ -43,6 +43,7 @@ from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import Pose
 from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes
 from neuroanimator.state.rotation import facing
+from neuroanimator.state.structure import mixing
 
 SECONDS = 6.0
 """As long as a fish needs to turn a third of a circle and to be back at its speed."""
@@ -166,7 +167,7 @@ def test_the_mirrored_fish_does_the_mirrored_thing(
     found = controls_of(policy, starts, 0.4, commands)
     mirrored = controls_of(policy, image, 0.4 + np.pi, commands * [1, -1, 1, -1])
     np.testing.assert_allclose(mirrored, found[:, list(mirror.controls)], atol=2e-3)
-    assert mixing(mirror)[1] == 6
+    assert mixing(mirror.controls)[1] == 6
 
 
 def test_on_the_true_physics_it_swims_faster_when_told_to(policy: Policy, fish: DeformableSystem):

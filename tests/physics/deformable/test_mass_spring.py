@@ -15,7 +15,7 @@ import pytest
 from jax import Array
 
 from neuroanimator import load_system
-from neuroanimator.physics.deformable.body import Body, Ground, Water
+from neuroanimator.physics.deformable.body import Body, Ground
 from neuroanimator.physics.deformable.checks import largest_stable_step
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.physics.deformable.mass_spring import (
@@ -31,6 +31,7 @@ from neuroanimator.physics.deformable.mass_spring import (
     strains,
     trajectory,
 )
+from neuroanimator.physics.water import Water
 from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import Scheme
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from neuroanimator import load_system
-from neuroanimator.physics.deformable.body import Body, Ground, Water
+from neuroanimator.physics.deformable.body import Body, Ground
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
+from neuroanimator.physics.water import Water
 from neuroanimator.state.reference_shape import to_world_axes
 from neuroanimator.state.rotation import upward
 

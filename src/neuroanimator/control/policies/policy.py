@@ -23,6 +23,8 @@ from neuroanimator.emulator.artifact import (
     check_arrays,
     check_format,
     first_line,
+    shape_tensors,
+    without_shapes,
 )
 from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
 from neuroanimator.emulator.description import blank, describe
@@ -79,6 +81,9 @@ ODD_COMMANDS = slice(1, None, 2)
 CLOCK_SIZE = 2
 """Number of features of the clock's phase: its sine and its cosine."""
 
+NEARLY_IDLE = 0.8
+"""Largest share of half the range by which controls are idle off the middle: at the bounds gradients would vanish."""
+
 DEFAULT_PERIOD = 1.0
 """Period of the clock without a gait [s]."""
 
@@ -111,7 +116,7 @@ class Rhythm(NamedTuple):
 
 
 class Policy(eqx.Module):
-    """u = middle + half · tanh(waves of the gait + network(features of the body, clock, command))."""
+    """u = middle + half · tanh(idle + waves of the gait + network(features of the body, clock, command))."""
 
     emulator: Emulator
     """Emulator it was trained through, whose features it has."""
@@ -155,7 +160,15 @@ class Policy(eqx.Module):
         waves = amplitudes * jnp.sin(phase + self.tick / 2 - lags) * (normalised[0] + 1) / 2
         middle = jnp.asarray(bounds.middle, jnp.float32)
         half = jnp.asarray(bounds.half, jnp.float32)
-        return middle + half * jnp.tanh(steered + waves)
+        return middle + half * jnp.tanh(steered + waves + self._idle())
+
+    def _idle(self) -> Float[np.ndarray, " C"] | float:
+        """Return what is added before tanh so that muscles of flesh, which only pull, are nearly idle by themselves; else 0."""
+        if self.emulator.skeleton.shapes is None:
+            return 0.0
+        bounds = self.emulator.bounds
+        share = (bounds.idle - bounds.middle) / bounds.half
+        return np.arctanh(np.clip(share, -NEARLY_IDLE, NEARLY_IDLE))
 
     def pose(self, latent: Float[AnyArray, "*B I"]) -> Pose:
         """Return the poses of bodies in the latent states `latent` of `Emulator.encode`."""
@@ -273,7 +286,7 @@ def make_policy(
 
 def check_steerable(emulator: Emulator) -> None:
     """Raise ArgumentError for a soft body, and for a system without a heading."""
-    if emulator.skeleton.shapes is not None:
+    if emulator.frame.shape_contacts is not None:
         raise ArgumentError(
             f"policy: {emulator.system} is a soft body, which goes where its movers go and has no heading to steer by. "
             "Find controls for it with 'control' or na.synthesise, or give its movers a path."
@@ -286,7 +299,8 @@ def check_steerable(emulator: Emulator) -> None:
 def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:
     """Write `policy` to `path`; `provenance` states how it was trained (any JSON)."""
     metadata = describe_policy(policy) | {"provenance": provenance or {}}
-    write_tensors(path, to_numpy(policy_leaves(policy)), metadata)
+    tensors = to_numpy(policy_leaves(policy)) | shape_tensors(policy.emulator)
+    write_tensors(path, tensors, metadata)
 
 
 def policy_leaves(policy: Policy) -> dict[str, Any]:
@@ -326,7 +340,8 @@ def policy_from(path: Path, tensors: Tensors, metadata: Metadata) -> Policy:
     """Return the policy read from the file at `path`; BadFileError states what is wrong with it."""
     check_policy_formats(path, metadata, FORMAT, MAKER)
     try:
-        policy = with_tensors(blank_policy(metadata), policy_leaves, tensors)
+        weights, shapes = without_shapes(tensors)
+        policy = with_tensors(blank_policy(metadata, shapes), policy_leaves, weights)
         if digest(emulator_tensors(policy.emulator)) != metadata["emulator_sha256"]:
             raise ValueError("its emulator is not the one it was trained through")
         check_arrays(policy.emulator)
@@ -371,8 +386,8 @@ def check_policy_formats(path: Path, metadata: Metadata, wanted: int, maker: str
     check_format(path, emulator_format, EMULATOR_FORMAT, maker)
 
 
-def blank_policy(metadata: Metadata) -> Policy:
-    """Return a policy of the described structure with zero weights."""
+def blank_policy(metadata: Metadata, shapes: Tensors) -> Policy:
+    """Return a policy of the described structure with zero weights; `shapes` are the arrays of a soft body's shapes."""
     if metadata["command"] != COMMAND.to_json():
         raise ValueError("commands with another meaning")
     ranges = Bounds.from_json(metadata["ranges"], COMMAND.size, "ranges")
@@ -383,7 +398,7 @@ def blank_policy(metadata: Metadata) -> Policy:
     observes_parameters = metadata.get("observes_parameters", True)
     if not isinstance(observes_parameters, bool):
         raise ValueError("observes_parameters: wanted true or false")
-    emulator = blank(metadata["emulator"], Emulator)
+    emulator = blank(metadata["emulator"], Emulator, shapes)
     return make_policy(emulator, ranges, widths, None, observes_parameters=observes_parameters)
 
 

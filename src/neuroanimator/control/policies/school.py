@@ -15,7 +15,8 @@ from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.zoo import POLICIES
-from neuroanimator.state.pose import Pose
+from neuroanimator.state.pose import Pose, read_pose
+from neuroanimator.state.segments import Position, first_of_each
 
 MAX_SCHOOL = 64
 """Maximum number of bodies in a school: what fits into a film."""
@@ -76,21 +77,29 @@ def school_start(
 ) -> tuple[Float[np.ndarray, "{count} S"], Behaviour]:
     """Return (the initial states of a school of `count` bodies, their behaviour)."""
     emulator = policy.emulator
-    cloud = emulator.state_structure.cloud
-    assert cloud is not None
+    structure = emulator.state_structure
+    cloud = structure.cloud
     middle = np.array(emulator.rest, float)
     is_under_surface = swims_under_a_surface(emulator)
     if is_under_surface:
         middle = dive(emulator, middle)
-    points = middle[: 3 * cloud.count].reshape(-1, 3)
+    if cloud is None:
+        shapes = emulator.skeleton.shapes
+        assert shapes is not None
+        points = shapes.mean
+        entries = first_of_each(structure.segments)[Position].entries
+    else:
+        entries = slice(3 * cloud.count)
+        points = middle[entries].reshape(-1, 3)
     length = float(np.ptp(points, axis=0).max())
     offsets = length * _grid(count, np.random.default_rng(seed))
     if is_under_surface:
         offsets[:, 2] -= offsets[:, 2].max()
     starts = np.repeat(middle[None], count, axis=0)
-    starts[:, : 3 * cloud.count] += np.tile(offsets, cloud.count)
+    starts[:, entries] += np.tile(offsets, (entries.stop - entries.start) // 3)
     speed = PACE * float(policy.ranges.high[0])
-    return starts, cruise(points.mean(axis=0) + offsets, length=length, speed=speed)
+    places = read_pose(structure, middle).position + offsets
+    return starts, cruise(places, length=length, speed=speed)
 
 
 def cruise(places: Float[np.ndarray, "B 3"], *, length: float, speed: float) -> Behaviour:

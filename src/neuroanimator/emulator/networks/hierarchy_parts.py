@@ -10,11 +10,10 @@ from jaxtyping import Float
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.group_modes import GroupedModes, Owner
 from neuroanimator.emulator.networks.network import Part
-from neuroanimator.emulator.pca import mixing
 from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.state.structure import BodyGroup, Structure
+from neuroanimator.state.structure import BodyGroup, Structure, mixing
 
 
 def parts_of_body(
@@ -63,7 +62,7 @@ def _features_of_controls(modes: ShapeModes, group: BodyGroup, features: int) ->
     size = modes.muscles
     mix = np.eye(size)
     if modes.mirror is not None:
-        mix = mixing(modes.mirror)[0]
+        mix = mixing(modes.mirror.controls)[0]
     columns = np.flatnonzero(np.abs(mix[list(group.controls)]).sum(axis=0) > 0)
     first_activation = modes.feature_layout.index("activations").start
     first_control = features - size

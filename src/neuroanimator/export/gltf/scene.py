@@ -19,9 +19,7 @@ from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.part_names import identifier, unique
 from neuroanimator.appearance.skeleton import Bone, Shape
 from neuroanimator.export.bodies import (
-    CLOTH,
     GHOST,
-    THIN_GHOST,
     Paint,
     SceneBody,
     SkinNode,
@@ -188,8 +186,8 @@ class _Scene:
         morphs = surface.morphs
         key = (morphs, body.is_ghost)
         if key not in self._meshes:
-            paint = THIN_GHOST if body.is_ghost else CLOTH
-            primitive = surface_primitive(morphs, self.buffer) | {"material": self._material(paint)}
+            material = self._material(body.surface_paint)
+            primitive = surface_primitive(morphs, self.buffer) | {"material": material}
             names = [f"shape {number + 1}" for number in range(len(morphs.moving))]
             names += [f"normals {number + 1}" for number in range(len(morphs.turning))]
             extras = {"targetNames": names, "error": float(f"{morphs.error:.2g}")}

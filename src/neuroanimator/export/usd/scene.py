@@ -24,9 +24,7 @@ from neuroanimator.appearance.skeleton import Shape
 from neuroanimator.appearance.skin_mesh import INFLUENCES
 from neuroanimator.errors import ResourceError
 from neuroanimator.export.bodies import (
-    CLOTH,
     GHOST,
-    THIN_GHOST,
     Paint,
     SceneBody,
     SkinNode,
@@ -237,7 +235,7 @@ class _BodyWriter:
         mesh = _mesh_prim("mesh", morphs.points, None, morphs.triangles)
         mesh.metadata = ['prepend apiSchemas = ["SkelBindingAPI", "MaterialBindingAPI"]']
         targets = ", ".join(f"<{path}/mesh/{name}>" for name in names)
-        paint = THIN_GHOST if self._body.is_ghost else CLOTH
+        paint = self._body.surface_paint
         of_all = '(elementSize = 1; interpolation = "constant")'
         mesh.properties += [
             "uniform bool doubleSided = true",

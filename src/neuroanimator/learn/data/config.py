@@ -16,7 +16,7 @@ from neuroanimator.files.json_text import MAX_DEFINITION
 from neuroanimator.files.names import SystemName
 from neuroanimator.files.places import Place
 from neuroanimator.files.tables import Settings, Table
-from neuroanimator.files.zoo import SOFT
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS, ShippedSystem
 from neuroanimator.physics import carried_system
 from neuroanimator.systems.system import System
 
@@ -31,6 +31,9 @@ USUAL_COUNT = 300_000
 
 USUAL_SAMPLES_PER_RUN = 36
 """Default number of transitions per run: simulation costs more than storage, and robots with contacts need every example."""
+
+SWIMMER_COUNT = 60_000
+"""Default number of transitions of a soft body with muscles, `USUAL_SAMPLES_PER_RUN` of each run."""
 
 SOFT_COUNT = 12_288
 """Default number of transitions of a soft body, each the first of a window of `LONG_WINDOW` super steps: 1,024 runs."""
@@ -106,11 +109,12 @@ class DatasetConfig(Settings, DatasetTable):
         **settings: Any,
     ) -> DatasetConfig:
         """Return a system's default dataset, changed only by `settings`."""
-        is_soft = _is_soft(system, definition)
-        usual: dict[str, Any] = {
-            "count": SOFT_COUNT if is_soft else USUAL_COUNT,
-            "samples_per_run": SAMPLES_PER_RUN if is_soft else USUAL_SAMPLES_PER_RUN,
-        }
+        usual: dict[str, Any] = {"count": USUAL_COUNT, "samples_per_run": USUAL_SAMPLES_PER_RUN}
+        is_soft, has_muscles = _softness(system, definition)
+        if has_muscles:
+            usual["count"] = SWIMMER_COUNT
+        elif is_soft:
+            usual = {"count": SOFT_COUNT, "samples_per_run": SAMPLES_PER_RUN}
         if count is not None:
             usual["count"] = count
         usual |= settings
@@ -137,11 +141,14 @@ class DatasetConfig(Settings, DatasetTable):
         return folder / f"shard-{shard:05d}.safetensors"
 
 
-def _is_soft(system: str, definition: str) -> bool:
-    """Return whether a system is a soft body, with expensive physics and long runs."""
-    if definition:
-        return read_definition_text(definition).kind in ("soft", "flex")
-    return system in dict(SOFT)
+def _softness(system: str, definition: str) -> tuple[bool, bool]:
+    """Return whether a system is a soft body, whose physics is expensive, and whether it is one with muscles."""
+    if not definition:
+        shipped = SHIPPED_SYSTEMS.get(system, ShippedSystem(""))
+        return shipped.is_soft, shipped.has_muscles
+    written = read_definition_text(definition)
+    is_soft = written.kind in ("soft", "flex")
+    return is_soft, is_soft and getattr(written.definition, "muscles", None) is not None
 
 
 def window_length(substeps: int) -> int:

@@ -1,4 +1,4 @@
-"""Tasks of fish and dolphin."""
+"""Tasks of fish, trout and dolphin."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from neuroanimator.control.objective.costs import (
     travel,
 )
 from neuroanimator.control.objective.objective import Objective
+from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.learn.data.sampling import sample_starts
 from neuroanimator.learn.tasks.task import FREE, Aim, Task, Trial
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
@@ -188,10 +189,10 @@ def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
     A system without weight has no up and down and swims at any orientation: it is turned upright as a whole, which changes
     nothing else.
     """
-    assert isinstance(system, DeformableSystem)
     while True:
         start = sample_starts(system, rng, 1)[0]
         if not system.structure.has_gravity:
+            assert isinstance(system, DeformableSystem)
             return turned_upright(system, start)
         pose = read_pose(system.structure, start)
         is_deep = DEPTHS[0] < pose.position[2] < DEPTHS[1] or system.water_surface is None
@@ -258,17 +259,18 @@ def ahead(pose: Pose, angle: float) -> np.ndarray:
 def upright_tasks(
     system: str, swim_by: dict[str, Any], turn_by: dict[str, Any], reach_by: dict[str, Any]
 ) -> tuple[Task, ...]:
-    """Return the tasks shared by fish and dolphin; the arguments are the fields of `Task` on what each varies and how."""
+    """Return the tasks shared by all swimmers; the arguments are the fields of `Task` on what each varies and how."""
     upright = f"rolled by less than {math.degrees(ROLL_WITHIN):.0f}° over the last period"
     turned = (
         f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end, {upright}"
     )
     farther = f"gets {FASTER_THAN_GAIT} times as far as by its gait, {upright}"
     near = f"ends within {TARGET_WITHIN} body lengths of the target, {upright}"
+    substeps = SHIPPED_SYSTEMS[system].substeps[0]
     return (
-        Task(f"{system}-swim", system, 50, SECONDS, farther, swim, **swim_by),
-        Task(f"{system}-turn", system, 50, SECONDS, turned, turn, **turn_by),
-        Task(f"{system}-reach", system, 50, SECONDS, near, reach, **reach_by),
+        Task(f"{system}-swim", system, substeps, SECONDS, farther, swim, **swim_by),
+        Task(f"{system}-turn", system, substeps, SECONDS, turned, turn, **turn_by),
+        Task(f"{system}-reach", system, substeps, SECONDS, near, reach, **reach_by),
     )
 
 
@@ -278,6 +280,12 @@ SECONDS = 3.0
 SWIMMER_TASKS = (
     *upright_tasks(
         "fish",
+        swim_by={"is_periodic": True, "method": "adam"},
+        turn_by={"knots": 16},
+        reach_by={"is_periodic": True},
+    ),
+    *upright_tasks(
+        "trout",
         swim_by={"is_periodic": True, "method": "adam"},
         turn_by={"knots": 16},
         reach_by={"is_periodic": True},

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.encoding import Encoding, IdentityEncoding
+from neuroanimator.emulator.encoding import Encoding, StateEncoding
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.group_modes import GroupedModes, fit_grouped_modes
 from neuroanimator.emulator.mode_fitting import fit_modes
@@ -27,7 +27,8 @@ from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.data.store import Transitions
 from neuroanimator.learn.training.config import TrainingConfig
-from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.body_frame import PROBE_FEATURES, Frame
+from neuroanimator.state.structure import REVERSED_ABOUT, REVERSED_ALONG, SoftSwimmer, mixing
 from neuroanimator.systems.system import System
 
 BLOCK_ROWS = 4096
@@ -169,7 +170,9 @@ def _latent_of(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
     """Return the numbers that super steps advance: the state's own, or those of a deformable body's shape modes."""
     system = data.system
     structure = system.structure
-    encoding: Encoding = IdentityEncoding(system.state)
+    swimmer = structure.swimmer
+    partners = structure.mirror.controls if swimmer and structure.mirror else ()
+    encoding: Encoding = StateEncoding(system.state, partners)
     grouped = None
     if structure.cloud is not None:
         grouped = _fit_modes(data, config)
@@ -184,7 +187,23 @@ def _latent_of(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
         even = tuple(i for i, is_odd in enumerate(odd_features) if not is_odd)
         features = replace(features, is_odd=True, even=even)
         odd_changes = np.array(grouped.modes.odd_changes())
+    if partners:
+        assert swimmer is not None
+        features = replace(features, is_odd=True, even=_even_features(swimmer, frame, partners))
+        odd_changes = np.array((*REVERSED_ALONG, *REVERSED_ABOUT, *REVERSED_ALONG, *swimmer.odd))
     return _Latent(encoding, frame, features, odd_changes, grouped)
+
+
+def _even_features(
+    swimmer: SoftSwimmer, frame: Frame, partners: tuple[int, ...]
+) -> tuple[int, ...]:
+    """Return the raw features that the mirror does not reverse: of the state, then of the frame, then controls."""
+    odd_controls = mixing(partners)[1]
+    muscles = tuple(number < odd_controls for number in range(len(partners)))
+    gravity = REVERSED_ALONG if frame.has_gravity else ()
+    probes = (False,) * (PROBE_FEATURES * len(frame.probes))
+    odd = (*swimmer.odd, *muscles, *gravity, *REVERSED_ALONG, *probes, *muscles)
+    return tuple(number for number, is_odd in enumerate(odd) if not is_odd)
 
 
 def _fit_modes(data: Transitions, config: TrainingConfig) -> GroupedModes:
@@ -292,7 +311,7 @@ def _normaliser(
     whole_change = statistics.whole_change
     change_scale = np.maximum(change.std, MIN_SCALE)
     unit = np.maximum(whole_change.std, MIN_SCALE)
-    if latent.encoding.is_identity:
+    if latent.encoding.keeps_entries:
         mean = np.where(latent.odd_changes, 0.0, whole_change.mean)
         is_varied = varies(mean, whole_change.std)
         if not is_varied.any():

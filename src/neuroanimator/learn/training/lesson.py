@@ -23,7 +23,7 @@ from neuroanimator.learn.training.survey import Survey, base_windows, sample_of
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.system import System
 
-STILL = 0.01
+STILL = 0.02
 """Share of a usual change by which a system at rest may move in a super step and still count as staying."""
 
 
@@ -81,8 +81,7 @@ def keeps_still(system: System, emulator: Emulator) -> bool:
     Recordings and users' functions are not used: training must not depend on whether they exist or may run. A soft body's
     physics is always there.
     """
-    is_soft = system.structure.shape_contacts is not None
-    if not system.is_self_contained and not is_soft:
+    if not system.is_self_contained and not system.structure.is_soft:
         return False
     rest = system.rest[None]
     idle = np.tile(system.bounds.idle, (1, 1, 1))

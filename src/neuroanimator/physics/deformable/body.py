@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.physics.water import Water, lift_of, wetness
 from neuroanimator.state.arrays import AnyArray
 
 GRAVITY = 9.81
@@ -14,24 +15,6 @@ GRAVITY = 9.81
 
 BALANCED = 1e-6
 """Maximum net force at rest of a balanced body, as a share of all forces."""
-
-
-@dataclass(frozen=True)
-class Water:
-    """A medium that resists faces moving into it, and gives lift."""
-
-    face_drag: float | Float[AnyArray, " ..."]
-    """Drag μ of faces [kg/(m²·s)]: a face of area A moving outward at v is pushed back by μ·A·v; one moving inward is not."""
-    drag: float | Float[AnyArray, " ..."] = 0.0
-    """Damping of every mass point's motion, over its mass [1/s]."""
-    buoyancy: float = 1.0
-    """Weight of the water the body displaces, over its own."""
-    surface: float | None = None
-    """Height of the surface [m]; with None water is everywhere, and there is no weight unless the body is righted."""
-    depth: float = 0.1
-    """Height over which a mass point passes from air to water [m]: about its size."""
-    righting: float = 0.0
-    """Height of the centre of buoyancy over the centre of mass at rest [m], which keeps the belly down."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +71,7 @@ class Body:
     """Share of each mass point in a face's velocity, and in the force on it."""
 
     def __post_init__(self) -> None:
-        lift = _lift(self.positions, self.masses, self.water)
+        lift = lift_of(self.positions, self.masses, self.water)
         object.__setattr__(self, "lift", lift)
         object.__setattr__(self, "lengths", self.spans - _stretches_at_rest(self))
         object.__setattr__(self, "face_shares", _face_shares(self.faces, len(self.masses)))
@@ -112,15 +95,7 @@ class Body:
     @property
     def has_gravity(self) -> bool:
         """Whether gravity is felt: not if water is everywhere and nothing distinguishes up from down."""
-        return self.water is None or self.water.surface is not None or self.water.righting > 0
-
-
-def wetness(body: Body, heights: Float[AnyArray, "N ..."]) -> Float[AnyArray, "N ..."]:
-    """Return the share of each mass point that is under water."""
-    xp = heights.__array_namespace__()
-    if body.water is None or body.water.surface is None:
-        return xp.ones_like(heights)
-    return xp.clip((body.water.surface - heights) / body.water.depth + 0.5, 0, 1)
+        return self.water is None or self.water.has_gravity
 
 
 def point_forces(
@@ -173,26 +148,6 @@ def length_jacobian(body: Body) -> Float[np.ndarray, "P X"]:
     return jacobian.reshape(count, -1)
 
 
-def _lift(
-    positions: Float[np.ndarray, "N 3"], masses: Float[np.ndarray, " N"], water: Water | None
-) -> Float[np.ndarray, " N"]:
-    """Return the lift of every mass point over its weight, which grows upward if the body is righted.
-
-    It is linear in the position, so that it sums to that of the whole body and its centre lies `righting` above the
-    centre of mass: Σ m r (1 + a·r) = Σ m r rᵀ a.
-    """
-    if water is None:
-        return np.zeros(len(masses))
-    if not water.righting:
-        return np.full(len(masses), water.buoyancy)
-    total = masses.sum()
-    centred = positions - masses @ positions / total
-    spread = centred.T @ (masses[:, None] * centred) / total
-    offset = np.array([0.0, 0.0, water.righting])
-    slope = np.linalg.lstsq(spread, offset, rcond=None)[0]
-    return water.buoyancy * (1 + centred @ slope)
-
-
 def _stretches_at_rest(body: Body) -> Float[np.ndarray, " P"]:
     """Return the stretches of the springs at rest [m] that balance lift, weight and ground.
 
@@ -221,7 +176,7 @@ def _is_balanced(body: Body, load: Float[np.ndarray, "N 3"]) -> bool:
 def _load_at_rest(body: Body) -> Float[np.ndarray, "N 3"]:
     """Return the force of lift, weight and ground on every mass point at rest [N]."""
     positions = body.positions + np.array([0.0, 0.0, body.rest_height])
-    wet = wetness(body, positions[:, 2])
+    wet = wetness(body.water, positions[:, 2])
     velocities = np.zeros_like(positions)
     return point_forces(body, positions, velocities, body.masses, body.lift, wet)
 

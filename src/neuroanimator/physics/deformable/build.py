@@ -13,13 +13,12 @@ from neuroanimator.definitions.body import (
     MAX_SPRINGS,
     BodyDefinition,
     MuscleTable,
-    control_names,
 )
 from neuroanimator.errors import ArgumentError
-from neuroanimator.physics.deformable.body import Body, Ground, Water, area_vectors
+from neuroanimator.physics.deformable.body import Body, Ground, area_vectors
 from neuroanimator.physics.deformable.checks import check_muscles, check_nodes, check_springs
 from neuroanimator.physics.groups import check_groups
-from neuroanimator.state.gait import Gait
+from neuroanimator.physics.water import Water
 from neuroanimator.text import listed
 
 FACE_CORNERS = 4
@@ -77,24 +76,6 @@ def group_numbers(definition: BodyDefinition) -> dict[str, tuple[int, ...]]:
         group: tuple(names.index(member) for member in members)
         for group, members in definition.groups.items()
     }
-
-
-def gait_of(definition: BodyDefinition) -> Gait | None:
-    """Return the gait; ArgumentError if it drives a control that does not exist."""
-    table = definition.gait
-    if table is None:
-        return None
-    names = control_names(definition)
-    for name in table.controls:
-        if name not in names:
-            raise ArgumentError(
-                f"gait.controls: no control called '{name}'. Controls: {', '.join(names)}."
-            )
-    at_rest = (0.0, 0.0)
-    waves = [table.controls.get(name, at_rest) for name in names]
-    amplitudes = tuple(amplitude for amplitude, _ in waves)
-    lags = tuple(lag for _, lag in waves)
-    return Gait(table.period, amplitudes, lags)
 
 
 def _springs(

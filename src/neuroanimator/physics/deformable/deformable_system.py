@@ -16,7 +16,7 @@ from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.physics.deformable.body import Body
 from neuroanimator.physics.deformable.body_parameters import body_at, check_family, parameters_of
 from neuroanimator.physics.deformable.bones import body_skeleton
-from neuroanimator.physics.deformable.build import body_of, gait_of
+from neuroanimator.physics.deformable.build import body_of
 from neuroanimator.physics.deformable.checks import check_steps
 from neuroanimator.physics.deformable.mass_spring import (
     BodyState,
@@ -27,6 +27,8 @@ from neuroanimator.physics.deformable.mass_spring import (
 from neuroanimator.physics.deformable.native.compiled import CTwin, c_twin
 from neuroanimator.physics.deformable.structure import state_layout, structure_of
 from neuroanimator.physics.schemes import schemes_of
+from neuroanimator.physics.starts import random_orientations
+from neuroanimator.physics.state_parts import gait_of
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.parameters import (
     Parameter,
@@ -35,7 +37,6 @@ from neuroanimator.state.parameters import (
     nominal_values,
 )
 from neuroanimator.state.reference_shape import points_of, to_world_axes
-from neuroanimator.state.rotation import facing, multiply, rotated_by
 from neuroanimator.systems.system import Scheme, System
 
 DOUBLE_LANES = 8
@@ -84,7 +85,7 @@ class DeformableSystem(System):
         self.sampling = definition.sampling
         self.is_pushed = bool(definition.external_forces)
         self.warm_up = definition.sampling.warm_up
-        self.gait = gait_of(definition)
+        self.gait = gait_of(definition.gait, controls)
         self.goals = self.goals_of(definition.goals)
 
         self.skeleton = body_skeleton(self.body, definition.skin)
@@ -219,7 +220,7 @@ class DeformableSystem(System):
         shape = grown * (1 + stretch)
         velocity = rng.normal(size=(count, 3)) * np.array(sampling.velocity) * is_moving
         angular_velocity = rng.normal(size=(count, 3)) * sampling.angular_velocity * is_moving
-        orientation = self._sample_orientations(rng, count, is_moving)
+        orientation = random_orientations(sampling, rng, is_moving, self.body.has_gravity)
         centre = cloud.centroid(self.unpack(self.rest)[0]) + np.zeros((count, 3))
         centre[:, 2] += rng.uniform(*sampling.height, count) * is_moving[:, 0]
         activations = rng.uniform(-1, 1, (count, self.muscles)) * is_moving * START_ACTIVATION
@@ -233,18 +234,6 @@ class DeformableSystem(System):
         assert cloud is not None
         parameters = draw_parameters(self.parameters, rng, count)
         return np.stack([cloud.reshaped(self.rest, values) for values in parameters])
-
-    def _sample_orientations(
-        self, rng: np.random.Generator, count: int, is_moving: np.ndarray
-    ) -> Float[np.ndarray, "K 4"]:
-        """Return quaternions of any heading; of any orientation if there is no up and down."""
-        if not self.body.has_gravity:
-            quaternions = rng.normal(size=(count, 4))
-            return quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-        heading = facing(rng.uniform(-np.pi, np.pi, count))
-        upright = facing(np.zeros(count))
-        tilt = rng.normal(size=(count, 3)) * self.sampling.tilt * is_moving
-        return multiply(heading, rotated_by(upright, tilt))
 
 
 def _rows_last(rows: np.ndarray) -> Array:

@@ -19,11 +19,12 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Bool, Float
 
-from neuroanimator.physics.deformable.body import GRAVITY, Body, point_forces, wetness
+from neuroanimator.physics.deformable.body import GRAVITY, Body, point_forces
+from neuroanimator.physics.water import dot, face_forces, wetness
 from neuroanimator.state.arrays import AnyArray
 
 MIN_LENGTH = 1e-12
-"""Minimum length of springs [m] and area of faces [m²] in divisions, so that no direction is 0/0."""
+"""Minimum length of springs in divisions [m], so that no direction is 0/0."""
 
 MIN_VOLUME = 1e-6
 """Minimum determinant of Σ r rᵀ over the springs at a mass point, over its cubed trace, for them to span a volume."""
@@ -70,8 +71,8 @@ def effective_stiffness(
 
     `extent` is r [m], `parting` its rate [m/s].
     """
-    inverse = 1 / jnp.sqrt(_dot(extent, extent) + MIN_LENGTH**2)
-    rate = _dot(extent, parting) * inverse
+    inverse = 1 / jnp.sqrt(dot(extent, extent) + MIN_LENGTH**2)
+    rate = dot(extent, parting) * inverse
     return stiffness + (damping * rate - stiffness * rest_lengths) * inverse
 
 
@@ -87,7 +88,7 @@ def outer_forces(
     """Return all other forces on every mass point [N]: water, weight, ground, external forces."""
     positions, velocities, _ = state
     heights = positions[:, 2]
-    wet = wetness(body, heights)
+    wet = wetness(body.water, heights)
     masses = _along(body.masses, heights)
     force = point_forces(body, positions, velocities, masses, _along(body.lift, heights), wet)
     if body.water is not None and len(body.faces):
@@ -97,25 +98,6 @@ def outer_forces(
         total = jnp.tensordot(body.external_forces.astype(positions.dtype), controls, 1)
         force = force + share * total
     return force
-
-
-def face_forces(
-    body: Body,
-    right: Float[Array, "F 3 ..."],
-    up: Float[Array, "F 3 ..."],
-    velocities: Float[Array, "F 3 ..."],
-    wet: Float[Array, "F ..."],
-) -> Float[Array, "F 3 ..."]:
-    """Return the water's push on faces that move outward [N]: -μ A max(0, n·v) n.
-
-    `right` and `up` are the diagonals of the faces [m], `velocities` and `wet` the means of their corners.
-    """
-    assert body.water is not None
-    normals = _cross(right, up)  # of twice the area's length
-    length = jnp.sqrt(_dot(normals, normals) + MIN_LENGTH**2)
-    outward_speed = jnp.maximum(_dot(normals, velocities), 0) / length
-    push = (-body.water.face_drag / 2) * outward_speed * wet
-    return push[:, None] * normals
 
 
 def energy(body: Body, state: BodyState) -> Array:
@@ -135,7 +117,7 @@ def internal_energy(body: Body, state: BodyState) -> Array:
     kinetic = jnp.sum(masses * velocities * velocities, axis=(0, 1)) / 2
     first, second = body.springs.T
     extent = positions[second] - positions[first]
-    length = jnp.sqrt(_dot(extent, extent))
+    length = jnp.sqrt(dot(extent, extent))
     stretch = length - _rest_lengths(body, activations, length)
     elastic = jnp.sum(_along(body.stiffness, length) * stretch**2, axis=0) / 2
     return kinetic + elastic
@@ -145,7 +127,7 @@ def strains(body: Body, positions: Float[AnyArray, "N 3 ..."]) -> Float[AnyArray
     """Return every spring's relative change of length, computed by NumPy for NumPy's `positions`."""
     first, second = body.springs.T
     extent = positions[second] - positions[first]
-    length = positions.__array_namespace__().sqrt(_dot(extent, extent))
+    length = positions.__array_namespace__().sqrt(dot(extent, extent))
     return length / _along(body.lengths, length) - 1
 
 
@@ -194,11 +176,12 @@ def _water_forces(
     wet: Float[Array, "N ..."],
 ) -> Float[Array, "N 3 ..."]:
     """Return the water's push on faces as forces on their corners [N]."""
+    assert body.water is not None
     a, b, c, d = (positions[body.faces[:, i]] for i in range(4))
     shares = body.face_shares.astype(positions.dtype)
     mean_velocities = jnp.tensordot(shares, velocities, 1)
     mean_wetness = jnp.tensordot(shares, wet, 1)
-    forces = face_forces(body, c - a, d - b, mean_velocities, mean_wetness)
+    forces = face_forces(body.water.face_drag, c - a, d - b, mean_velocities, mean_wetness)
     return jnp.tensordot(shares.T, forces, 1)
 
 
@@ -208,18 +191,6 @@ def _along(numbers: Float[AnyArray, "N ..."], like: AnyArray) -> AnyArray:
     count, *batch = numbers.shape
     between = (1,) * (like.ndim - numbers.ndim)
     return xp.asarray(numbers, dtype=like.dtype).reshape((count, *between, *batch))
-
-
-def _dot(left: Float[AnyArray, "K 3 ..."], right: Float[AnyArray, "K 3 ..."]) -> AnyArray:
-    return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]
-
-
-def _cross(
-    left: Float[Array, "K 3 ..."], right: Float[Array, "K 3 ..."]
-) -> Float[Array, "K 3 ..."]:
-    a, b, c = (left[:, axis] for axis in range(3))
-    x, y, z = (right[:, axis] for axis in range(3))
-    return jnp.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
 
 
 def _sum_at_ends(body: Body, pulls: Float[Array, "P 3 ..."]) -> Float[Array, "N 3 ..."]:

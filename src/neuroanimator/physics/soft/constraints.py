@@ -14,6 +14,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from neuroanimator.physics.water import face_forces, share_under
+
 TINY = 1e-18
 """Square of a length [m²] added under square roots that are divided by."""
 
@@ -76,6 +78,35 @@ def air_push(right: Vector, up: Vector, wind: Vector, density: Number, limit: Nu
     speed = jnp.clip(speed, -limit, limit)
     size = jnp.maximum(speed, -speed)
     return (density * speed * size / 2)[:, None] * normal
+
+
+def water_push(
+    right: Vector,
+    up: Vector,
+    flow: Vector,
+    height: Number,
+    drag: Number,
+    surface: Number,
+    depth: Number,
+) -> Vector:
+    """Return the force of water on a triangle between two of its edges [N]; see `physics.water`, which names the numbers."""
+    return face_forces(drag, right, up, flow, share_under(height, surface, depth))
+
+
+def lifted(
+    velocity: Vector,
+    height: Number,
+    gravity: Vector,
+    lift: Number,
+    drag: Number,
+    surface: Number,
+    depth: Number,
+    time: Number,
+) -> Vector:
+    """Return the velocity [m/s] of a node after `time` [s] of the lift and the damping of water."""
+    wet = share_under(height, surface, depth)
+    risen = velocity - (time * lift * wet)[:, None] * gravity
+    return risen / (1 + time * drag * wet)[:, None]
 
 
 def capsule_push(

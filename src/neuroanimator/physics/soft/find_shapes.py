@@ -15,6 +15,8 @@ from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
+from neuroanimator.physics.soft.mirror import odd_modes, reflected
+from neuroanimator.physics.soft.program import MuscleMotion
 from neuroanimator.physics.soft.soft_body import Points
 from neuroanimator.physics.soft.soft_scene import Motion, SoftScene
 from neuroanimator.physics.soft.throws import random_roots
@@ -22,6 +24,7 @@ from neuroanimator.state.parameters import draw_parameters, nominal_values
 from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.state.shape_contacts import FREE, placement_of
+from neuroanimator.state.structure import Mirror
 from neuroanimator.terminal import progress_bar
 
 SEED = 0
@@ -83,17 +86,24 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
         rest = _settled(scene, dt, steps, settling, bar.advance_to)
         centre = scene.centre(rest)
         mean = rest - centre
+        if scene.mirror is not None:
+            mean = (mean + reflected(mean, scene.mirror)) / 2
         paths, rates = _random_paths(scene, rng, frames, dt)
         parameters = draw_parameters(scene.parameters, rng, scene.runs).T
         sketch = Sketch(definition.shapes + SPARE)
         snapshots: list[np.ndarray] = []
         still = np.zeros_like(mean)
         motion = _side_by_side(Motion(mean, still, centre), scene.runs)
+        controls = scene.random_controls(rng, scene.runs, frames, dt)
+        active = np.zeros((scene.runs, len(scene.muscles)))
         for first in range(0, frames, BLOCK):
             if scene.anchor == FREE and first % (THROW * BLOCK) == 0:
                 motion = _thrown(scene, rng, mean, centre, paths[first], motion)
             block = paths[first : first + BLOCK + 1]
-            played = scene.play(motion, block, dt, steps, parameters)
+            driven = controls[:, first : first + BLOCK]
+            muscles = MuscleMotion(active.T, np.moveaxis(driven, 0, -1))
+            active = scene.contracted(active, driven, dt)[:, -1]
+            played = scene.play(motion, block, dt, steps, parameters, muscles)
             positions, velocities = (np.moveaxis(part, -1, 1) for part in played)
             movers = np.moveaxis(block[1:], -1, 1)
             moving = rates[first : first + BLOCK]
@@ -112,12 +122,20 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
                 paths = paths[..., fits]
                 rates = rates[:, fits]
                 parameters = parameters[:, fits]
+                controls = controls[fits]
+                active = active[fits]
             snapshots.append(away[::EVERY].reshape(-1, mean.size))
             if len(snapshots) == BLOCKS or first + BLOCK >= frames:
-                sketch.add(np.concatenate(snapshots))
+                shown = np.concatenate(snapshots)
+                if scene.mirror is not None:
+                    images = reflected(shown.reshape(len(shown), *mean.shape), scene.mirror)
+                    shown = np.concatenate([shown, images.reshape(shown.shape)])
+                sketch.add(shown)
                 snapshots.clear()
             bar.advance_to(settling + min(first + BLOCK, frames))
     modes = sketch.leading(definition.shapes) * np.sqrt(len(mean))
+    if scene.mirror is not None:
+        modes = _sorted_modes(modes.reshape(-1, *mean.shape), scene.mirror)
     at_rest = scene.state_at_rest(centre)
     shapes = Shapes(
         mean,
@@ -126,8 +144,18 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
         len(at_rest),
         placement_of(scene.movers.turning, scene.anchor),
     )
-    rates = np.zeros(2 * len(modes))
-    return RestingShapes(shapes, np.concatenate([at_rest, rates, nominal_values(scene.parameters)]))
+    others = np.zeros(2 * len(modes) + len(scene.muscles))
+    return RestingShapes(
+        shapes, np.concatenate([at_rest, others, nominal_values(scene.parameters)])
+    )
+
+
+def _sorted_modes(modes: Float[np.ndarray, "K N 3"], mirror: Mirror) -> Float[np.ndarray, "K N 3"]:
+    """Return the modes, each exactly odd or even in the mirror: those found from motions and their images are nearly so."""
+    images = reflected(modes, mirror)
+    signs = np.where(odd_modes(modes, mirror), -1, 1)[:, None, None]
+    exact = (modes + signs * images) / 2
+    return exact / np.sqrt((exact**2).sum(axis=2).mean(axis=1))[:, None, None]
 
 
 def _settled(
@@ -139,13 +167,14 @@ def _settled(
     """
     positions = scene.positions
     still = np.zeros_like(positions)
+    origin = np.array([0.0, 0.0, scene.rest_height])
     for first in range(0, frames, BLOCK):
         count = min(BLOCK, frames - first)
         paths = np.repeat(scene.movers.rest[None], count + 1, axis=0)
-        path, _ = scene.play(Motion(positions, still), paths, dt, steps)
+        path, _ = scene.play(Motion(positions, still, origin), paths, dt, steps)
         positions = path[-1].astype(float)
         on_frames(first + count)
-    return positions
+    return positions + origin
 
 
 def _random_paths(

@@ -28,6 +28,7 @@ from neuroanimator.physics.soft.flex_model import (
     mover_names,
     tied_bodies,
 )
+from neuroanimator.physics.soft.program import MuscleMotion
 from neuroanimator.physics.soft.soft_body import Played, Points
 from neuroanimator.physics.soft.soft_scene import Motion, Parameters, Paths, SoftScene
 from neuroanimator.state.shape_contacts import FREE, HELD, BoxCollider, RoundCollider
@@ -121,6 +122,7 @@ class FlexScene(SoftScene):
         duration: float,
         steps: int,
         parameters: Parameters | None = None,
+        muscles: MuscleMotion | None = None,
     ) -> Played:
         model = self._stepping(duration / steps)
         if paths.ndim == 2:

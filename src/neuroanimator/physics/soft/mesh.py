@@ -39,6 +39,10 @@ class Mesh(NamedTuple):
     """Line of its file that each element is on; None for a mesh of no file."""
     mended: tuple[str, ...] = ()
     """What was mended when it was read, in words."""
+    groups: tuple[str, ...] = ()
+    """Names of groups of elements."""
+    members: Int[np.ndarray, " E"] | None = None
+    """Number of each element's group; -1 for those in none. None if there are no groups."""
 
     def named_nodes(self, nodes: Numbers) -> str:
         """Return the first few of `nodes` by their numbers in the file."""
@@ -75,6 +79,7 @@ class Mesh(NamedTuple):
             elements=corners.reshape(-1, self.elements.shape[1]),
             numbers=None if self.numbers is None else self.numbers[nodes],
             lines=None if self.lines is None else self.lines[elements],
+            members=None if self.members is None else self.members[elements],
         )
 
     def sizes(self) -> Float[np.ndarray, " E"]:

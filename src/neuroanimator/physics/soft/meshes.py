@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.definitions.soft import ClothTable, SolidTable
+from neuroanimator.definitions.soft import ClothTable, SolidMusclesTable, SolidTable
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.physics.soft.mesh import Mesh, some
 from neuroanimator.physics.soft.polygons import MIN_SIZE
 from neuroanimator.physics.soft.soft_body import SoftBody
+from neuroanimator.text import listed
 
 MAX_FACES_OF_AN_EDGE = 2
 """Maximum number of triangles at an edge of a surface."""
@@ -59,8 +60,17 @@ def cloth_body(mesh: Mesh, material: ClothTable, pins: Pins, **surroundings: Any
     )
 
 
-def solid_body(mesh: Mesh, material: SolidTable, pins: Pins, **surroundings: Any) -> SoftBody:
-    """Return the solid of a mesh of tetrahedra; see `cloth_body`. Corners may be in either order, the same in all."""
+def solid_body(
+    mesh: Mesh,
+    material: SolidTable,
+    pins: Pins,
+    muscles: SolidMusclesTable | None = None,
+    **surroundings: Any,
+) -> SoftBody:
+    """Return the solid of a mesh of tetrahedra; see `cloth_body`. Corners may be in either order, the same in all.
+
+    Raises ArgumentError for a muscle that is no group of the mesh.
+    """
     mesh, volumes = _checked(mesh, pins)
     tetrahedra = mesh.elements
     corners = np.sort(tetrahedra, axis=1)
@@ -77,8 +87,52 @@ def solid_body(mesh: Mesh, material: SolidTable, pins: Pins, **surroundings: Any
         tetrahedra,
         material.bulk / volumes,
         pins,
+        muscles=_shortenings(mesh, muscles, volumes, edges, places),
+        time_constant=muscles.time_constant if muscles else 0.0,
         **surroundings,
     )
+
+
+def _shortenings(
+    mesh: Mesh,
+    muscles: SolidMusclesTable | None,
+    volumes: Sizes,
+    edges: Int[np.ndarray, "P 2"],
+    places: Int[np.ndarray, " M"],
+) -> Float[np.ndarray, "P _"]:
+    """Return the share of its length by which each muscle shortens each edge, as a material does that shortens along a direction.
+
+    An edge at an angle to it shortens by the square of the cosine; one between muscles, by their shares of the volume around.
+    """
+    names = list(muscles.along) if muscles else []
+    shortened = np.zeros((len(edges), len(names)))
+    if muscles is None:
+        return shortened
+    _check_groups(mesh, names)
+    assert mesh.members is not None
+    sides = len(places) // len(volumes)
+    around = np.bincount(places, np.repeat(volumes, sides))
+    extent = mesh.positions[edges[:, 1]] - mesh.positions[edges[:, 0]]
+    for number, (name, direction) in enumerate(muscles.along.items()):
+        inside = volumes * (mesh.members == mesh.groups.index(name))
+        shares = np.bincount(places, np.repeat(inside, sides)) / around
+        cosines = extent @ direction / np.linalg.norm(extent, axis=1) / np.linalg.norm(direction)
+        shortened[:, number] = muscles.shorten * shares * cosines**2
+    return shortened
+
+
+def _check_groups(mesh: Mesh, names: list[str]) -> None:
+    """Raise ArgumentError for a muscle that is no group of tetrahedra of the mesh."""
+    missing = [name for name in names if name not in mesh.groups]
+    if missing and not mesh.groups:
+        raise ArgumentError(
+            f"muscles: {mesh.name} has no named groups of tetrahedra. Name its volumes as physical groups in Gmsh: "
+            'Physical Volume("left") = {1};'
+        )
+    if missing:
+        raise ArgumentError(
+            f"muscles: {mesh.name} has no tetrahedra in a group {listed(missing)}. Its groups: {listed(mesh.groups)}."
+        )
 
 
 def _distinct(

@@ -1,8 +1,10 @@
-"""Nodes and tetrahedra of a Gmsh file, and nothing else, in MSH ASCII 2.2 and 4.1.
+"""Nodes, tetrahedra and named groups of tetrahedra of a Gmsh file, and nothing else, in MSH ASCII 2.2 and 4.1.
 
+$PhysicalNames  count, then "dimension tag name" lines
+$Entities       4.1: counts of points, curves, surfaces and volumes; each volume: tag, six numbers, count and tags of its groups
 $Nodes     2.2: count, then "tag x y z" lines
            4.1: blocks, count, least tag, most; each block: dimension, entity, parametric, count; its tags; its "x y z"
-$Elements  2.2: count, then "tag type tags... nodes..." lines
+$Elements  2.2: count, then "tag type count labels... nodes..." lines, the first label a group's tag
            4.1: the same heads; each block: dimension, entity, type, count; its "tag nodes..." lines
 """
 
@@ -23,6 +25,12 @@ TETRAHEDRON = 4
 
 CURVED_TETRAHEDRA = (11, 29, 30)
 """Gmsh's numbers of tetrahedra with nodes on their edges."""
+
+NO_GROUP = ""
+"""Name of the group of tetrahedra in none."""
+
+MAX_GROUPS = 10_000
+"""Maximum number of named groups in a file."""
 
 MAX_ELEMENTS = 2_000_000
 """Maximum number of elements of all kinds in a file."""
@@ -49,11 +57,16 @@ class _Lines:
 
     def section(self, title: str) -> None:
         """Go to the line after `$title`."""
+        if not self.has_section(title):
+            raise BadFileError(f"{self.name}: no ${title}. Save it again as Gmsh MSH, ASCII.")
+
+    def has_section(self, title: str) -> bool:
+        """Go to the line after `$title`; return False if there is none."""
         for number, line in enumerate(self._lines):
             if line.strip() == f"${title}":
                 self._next = number + 1
-                return
-        raise BadFileError(f"{self.name}: no ${title}. Save it again as Gmsh MSH, ASCII.")
+                return True
+        return False
 
     def words(self, least: int) -> list[str]:
         """Return the words of the next line, at least `least` of them."""
@@ -103,10 +116,13 @@ def read_msh(name: str, content: bytes) -> Mesh:
     is_old = version == "2.2"
     lines.section("Nodes")
     places, positions = _nodes(lines, is_old)
+    names = _group_names(lines)
+    of_volumes = _groups_of_volumes(lines)
     lines.section("Elements")
     tetrahedra: list[list[int]] = []
     numbers: list[int] = []
-    for element, corners in _elements(lines, is_old):
+    members: list[str] = []
+    for element, label, corners in _elements(lines, is_old):
         if element in CURVED_TETRAHEDRA:
             raise BadFileError(
                 f"{name}: tetrahedra of second order. Save it with straight ones: gmsh -3 -order 1"
@@ -116,6 +132,8 @@ def read_msh(name: str, content: bytes) -> Mesh:
                 raise lines.fault("four nodes of the file")
             tetrahedra.append([places[tag] for tag in corners])
             numbers.append(lines.number)
+            group = label if is_old else of_volumes.get(label, 0)
+            members.append(names.get(group, NO_GROUP))
     if not tetrahedra:
         raise BadFileError(
             f"{name}: no tetrahedra. Mesh the inside of the body, not its surface alone: gmsh -3"
@@ -123,7 +141,52 @@ def read_msh(name: str, content: bytes) -> Mesh:
     mesh = Mesh(
         np.array(positions), np.array(tetrahedra), name, np.array(list(places)), np.array(numbers)
     )
-    return mesh.only(np.arange(len(tetrahedra)))
+    corners = np.sort(np.array(tetrahedra), axis=1)
+    _, first, counts = np.unique(corners, axis=0, return_index=True, return_counts=True)
+    if (counts > 1).any():
+        doubled = numbers[int(first[counts > 1].min())]
+        raise BadFileError(
+            f"{name}: line {doubled}: a tetrahedron that comes again, as one in two physical groups does. Leave it to one."
+        )
+    ordered = sorted(set(members) - {NO_GROUP})
+    ranks = {name: rank for rank, name in enumerate(ordered)} | {NO_GROUP: -1}
+    grouped = np.array([ranks[member] for member in members])
+    return mesh._replace(groups=tuple(ordered), members=grouped).only(np.arange(len(tetrahedra)))
+
+
+def _group_names(lines: _Lines) -> dict[int, str]:
+    """Return the name of each group of volumes by its tag."""
+    if not lines.has_section("PhysicalNames"):
+        return {}
+    (count,) = lines.wholes(1)[:1]
+    if not 0 <= count <= MAX_GROUPS:
+        raise lines.fault(f"0 to {MAX_GROUPS} groups")
+    names = {}
+    for _ in range(count):
+        dimension, tag, *words = lines.words(3)
+        if dimension == "3":
+            names[lines.as_wholes([tag])[0]] = " ".join(words).strip('"')
+    return names
+
+
+def _groups_of_volumes(lines: _Lines) -> dict[int, int]:
+    """Return the tag of the group each volume of version 4.1 is in; refuse a volume in two."""
+    if not lines.has_section("Entities"):
+        return {}
+    counts = lines.wholes(4)[:4]
+    if not all(0 <= count <= MAX_ELEMENTS for count in counts):
+        raise lines.fault(f"0 to {MAX_ELEMENTS:,} entities")
+    for _ in range(sum(counts[:3])):
+        lines.words(1)
+    groups = {}
+    for _ in range(counts[3]):
+        tag, *rest = lines.words(8)
+        found = lines.as_wholes([tag, rest[6], *rest[7:8]])
+        if found[1] > 1:
+            raise lines.fault("a volume in at most one physical group")
+        if found[1] == 1:
+            groups[found[0]] = found[-1]
+    return groups
 
 
 def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float]]]:
@@ -161,18 +224,18 @@ def _head(lines: _Lines, is_old: bool) -> tuple[int, int]:
     return count, blocks
 
 
-def _elements(lines: _Lines, is_old: bool) -> Iterator[tuple[int, list[int]]]:
-    """Yield the kind and the nodes of each element."""
+def _elements(lines: _Lines, is_old: bool) -> Iterator[tuple[int, int, list[int]]]:
+    """Yield the kind, the label and the nodes of each element: a label is a group's tag, or in 4.1 a volume's."""
     left, blocks = _head(lines, is_old)
     if not 0 <= left <= MAX_ELEMENTS:
         raise lines.fault(f"0 to {MAX_ELEMENTS:,} elements")
     for _ in range(left if is_old else 0):
         _, kind, labels, *rest = lines.wholes(3)
-        yield kind, rest[max(labels, 0) :]
+        yield kind, rest[0] if labels > 0 and rest else 0, rest[max(labels, 0) :]
     for _ in range(blocks):
-        _, _, kind, own = lines.wholes(4)[:4]
+        _, entity, kind, own = lines.wholes(4)[:4]
         if not 0 <= own <= left:
             raise lines.fault("no more elements than the section says")
         left -= own
         for _ in range(own):
-            yield kind, lines.wholes(1)[1:]
+            yield kind, entity, lines.wholes(1)[1:]

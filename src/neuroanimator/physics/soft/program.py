@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +18,7 @@ from neuroanimator.codegen.compiler import compiled_library
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.physics.soft import constraints
 from neuroanimator.physics.soft.soft_body import GRAVITY, Played, SoftBody
+from neuroanimator.physics.water import Water, lift_of
 
 PROGRAM = Path(__file__).with_name("soft.c")
 """Path of the loops, which are the same for every body."""
@@ -28,6 +29,12 @@ LANES = 16
 MAX_AIR_SPEED = 60.0
 """Speed through air [m/s] beyond which its pressure stays the same, so that stray nodes are not flung about."""
 
+MUSCLES_OF_A_SPRING = 2
+"""Maximum number of muscles that shorten a spring: between two groups of tetrahedra, those of both."""
+
+NO_SURFACE = 1e9
+"""Height of the surface of water that is everywhere [m]."""
+
 NUMBER = (1,)
 VECTOR = (1, 3)
 FORMULAS: dict[Callable[..., Any], tuple[tuple[int, ...], ...]] = {
@@ -36,11 +43,22 @@ FORMULAS: dict[Callable[..., Any], tuple[tuple[int, ...], ...]] = {
     constraints.volume_push: (VECTOR, VECTOR, NUMBER, NUMBER, NUMBER),
     constraints.fall: (VECTOR, VECTOR, VECTOR, NUMBER, NUMBER),
     constraints.air_push: (VECTOR, VECTOR, VECTOR, NUMBER, NUMBER),
+    constraints.water_push: (*[VECTOR] * 3, *[NUMBER] * 4),
+    constraints.lifted: (VECTOR, NUMBER, VECTOR, *[NUMBER] * 5),
     constraints.capsule_push: (*[VECTOR] * 6, NUMBER, NUMBER),
     constraints.box_push: (*[VECTOR] * 6, NUMBER, NUMBER, NUMBER),
     constraints.plane_push: (*[VECTOR] * 5, NUMBER, NUMBER),
 }
 """Formulas, with the shapes of their arguments."""
+
+
+class MuscleMotion(NamedTuple):
+    """The muscles of a body in F - 1 frames; several bodies side by side are the last axis."""
+
+    activations: Float[np.ndarray, "M ..."]
+    """Activations at the start."""
+    controls: Float[np.ndarray, "F-1 M ..."]
+    """Controls in each frame, which activations approach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,27 +77,36 @@ class SoftProgram:
         duration: float,
         steps: int,
         wind: Float[np.ndarray, "3 ..."] | None = None,
+        muscles: MuscleMotion | None = None,
+        surface: Float[np.ndarray, " ..."] | None = None,
     ) -> Played:
         """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s] in `steps` small steps.
 
         `movers` are the movers' positions [m] and headings [rad], at the start and at each frame's end; in between they
-        move and turn evenly. `wind` is the velocity of the air [m/s], by default the body's own. Several lanes are the last
-        axis of all arrays.
+        move and turn evenly. `wind` is the velocity of the air [m/s], by default the body's own; muscles are idle by default, and
+        `surface` is the height of the water's [m], by default infinite. Several lanes are the last axis of all arrays.
         """
         frames = len(movers) - 1
         tail = (self.lanes,) if self.lanes > 1 else ()
         if wind is None:
             own = np.reshape(self.body.air.wind, (3, *[1] * len(tail)))
             wind = np.broadcast_to(own, (3, *tail))
-        body, kept = _struct(self.body, movers.shape[1], wind, self.dtype)
+        surfaces = np.broadcast_to(NO_SURFACE if surface is None else surface, self.lanes)
+        body, kept = _struct(self.body, movers.shape[1], wind, surfaces, self.dtype)
         count = len(self.body.positions)
         start = np.empty((2, 3, count, *tail), self.dtype)
         start[0] = np.moveaxis(positions, 0, 1)
         start[1] = np.moveaxis(velocities, 0, 1)
         paths = np.ascontiguousarray(movers, self.dtype)
         states = np.empty((frames, *start.shape), self.dtype)
-        arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in (start, paths, states)]
-        library = _library(self.lanes, self.dtype)
+        count = self.body.muscles.shape[1]
+        if muscles is None:
+            muscles = MuscleMotion(np.zeros((count, *tail)), np.zeros((frames, count, *tail)))
+        controls = np.ascontiguousarray(muscles.controls, self.dtype)
+        active = np.array(muscles.activations, self.dtype, order="C")
+        used = (start, paths, controls, active, states)
+        arrays = [array.ctypes.data_as(ctypes.c_void_p) for array in used]
+        library = _library(self.lanes, self.dtype, count > 0)
         numbers = (ctypes.c_long(frames), ctypes.c_long(steps), ctypes.c_double(duration / steps))
         if library.play(body, *numbers, *arrays):
             raise MemoryError
@@ -89,7 +116,7 @@ class SoftProgram:
 
 
 @cache
-def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
+def _library(lanes: int, dtype: type[np.floating], has_muscles: bool) -> ctypes.CDLL:
     formulas = [
         c_formula(function.__name__, function, *shapes) for function, shapes in FORMULAS.items()
     ]
@@ -97,6 +124,7 @@ def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
     lines = [
         f"#define REAL {precision}",
         f"#define LANES {lanes}",
+        f"#define MUSCLES {int(has_muscles)}",
         f"#define FORMULAS {' '.join(formulas)}",
         PROGRAM.read_text(encoding="utf-8"),
     ]
@@ -107,9 +135,17 @@ def _library(lanes: int, dtype: type[np.floating]) -> ctypes.CDLL:
 
 
 def _struct(
-    body: SoftBody, movers: int, wind: Float[np.ndarray, "3 ..."], dtype: type[np.floating]
+    body: SoftBody,
+    movers: int,
+    wind: Float[np.ndarray, "3 ..."],
+    surfaces: Float[np.ndarray, " L"],
+    dtype: type[np.floating],
 ) -> tuple[bytes, list[np.ndarray]]:
     """Return `body` as the struct Body of soft.c, and the arrays it points to, which must outlive it."""
+    shortening = np.pad(body.muscles, ((0, 0), (0, MUSCLES_OF_A_SPRING)))
+    strongest = np.argsort(-shortening, axis=1, kind="stable")[:, :MUSCLES_OF_A_SPRING]
+    water = body.water or Water(face_drag=0.0)
+    gravity = GRAVITY if body.water is None or water.has_gravity else (0.0, 0.0, 0.0)
     counts = {
         "nodes": len(body.positions),
         "pairs": len(body.pairs),
@@ -123,6 +159,7 @@ def _struct(
         "capsules": len(body.capsules),
         "boxes": len(body.boxes),
         "planes": len(body.planes),
+        "muscles": body.muscles.shape[1],
     }
     indices = {
         "pair": body.pairs,
@@ -136,6 +173,7 @@ def _struct(
         "capsule_mover": _each(body.capsules, "mover"),
         "box_mover": _each(body.boxes, "mover"),
         "plane_mover": _each(body.planes, "mover"),
+        "muscle": np.minimum(strongest, max(body.muscles.shape[1] - 1, 0)),
     }
     reals = {
         "lightness": body.inverse_masses,
@@ -156,6 +194,9 @@ def _struct(
         "plane_point": _each(body.planes, "point"),
         "plane_friction": _each(body.planes, "friction"),
         "wind": wind,
+        "surface": surfaces,
+        "shortening": np.take_along_axis(shortening, strongest, axis=1),
+        "lift": lift_of(body.positions, body.masses, body.water),
     }
     kept = [np.ascontiguousarray(values, np.int32) for values in indices.values()]
     kept += [np.ascontiguousarray(values, dtype) for values in reals.values()]
@@ -165,9 +206,11 @@ def _struct(
         *[array.ctypes.data for array in kept],
         body.margin,
         *air,
-        *GRAVITY,
+        *gravity,
+        *(water.face_drag, water.drag, water.depth),
+        body.time_constant,
     )
-    return struct.pack(f"{len(counts)}l{len(kept)}P7d", *members), kept
+    return struct.pack(f"{len(counts)}l{len(kept)}P11d", *members), kept
 
 
 def _each(colliders: Iterable[Any], name: str) -> list[Any]:

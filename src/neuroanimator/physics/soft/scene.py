@@ -9,7 +9,8 @@ from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.physics.soft.mesh import Mesh
 from neuroanimator.physics.soft.meshes import cloth_body, solid_body
-from neuroanimator.physics.soft.program import LANES, SoftProgram
+from neuroanimator.physics.soft.mirror import mirror_of
+from neuroanimator.physics.soft.program import LANES, MuscleMotion, SoftProgram
 from neuroanimator.physics.soft.soft_body import (
     Air,
     Capsule,
@@ -19,7 +20,8 @@ from neuroanimator.physics.soft.soft_body import (
     SoftBody,
 )
 from neuroanimator.physics.soft.soft_scene import Motion, Parameters, Paths, SoftScene
-from neuroanimator.physics.state_parts import parameter_from_table
+from neuroanimator.physics.state_parts import gait_of, parameter_from_table
+from neuroanimator.physics.water import Water
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
 from neuroanimator.systems.movers import Movers
@@ -45,16 +47,19 @@ class Scene(SoftScene):
         self.definition = definition
         self.movers = Movers(definition.movers)
         holding = [number for number, mover in enumerate(self.movers.tables) if mover.pins]
-        if not holding and not definition.is_solid:
+        if not holding and not definition.is_solid and definition.muscles is None:
             raise ArgumentError(
                 "movers: nothing holds the cloth, and free flight is not emulated. Give a mover pins."
             )
         self.anchor = holding[0] if holding else FREE
-        if self.anchor == FREE and definition.ground is None:
+        if self.anchor == FREE and definition.ground is None and definition.water is None:
             raise ArgumentError(
-                "movers: nothing holds the body, and it falls forever. Add a [ground], or give a mover pins."
+                "movers: nothing holds the body, and it falls forever. Add a [ground] or [water], or give a mover pins."
             )
+        self._refuse_mixture()
         self.mesh = mesh
+        # Float32 loses small pushes far from the origin, and with their balance a swimmer at rest creeps: millimetres a second.
+        self.precision = np.float64 if definition.muscles else np.float32
         self.body = self._body(mesh)
         _refuse_loose_pieces(mesh, self.body.pins)
         self.finding_step = definition.physics.truth_step
@@ -73,7 +78,33 @@ class Scene(SoftScene):
         self.ground_height = None if definition.ground is None else definition.ground.height
         self.wind = self.body.air.wind
         self.parameters = tuple(self._parameters())
+        self.water = self.body.water
+        if definition.muscles is not None:
+            self.muscles = tuple(definition.muscles.along)
+            self.time_constant = self.body.time_constant
+            self.mirror = mirror_of(mesh, definition.muscles.along)
+        self.gait = gait_of(definition.gait, self.muscles)
+        self.rest_height = definition.rest_height
+        self.sampling = definition.sampling
         self._refuse_overlap()
+
+    def _refuse_mixture(self) -> None:
+        """Raise ArgumentError for muscles or water where they are not supported."""
+        definition = self.definition
+        if definition.muscles is None and definition.water is None and not definition.movers:
+            raise ArgumentError("movers: wanted at least one, or [muscles].")
+        if definition.muscles is None and definition.water is None:
+            return
+        if not definition.is_solid:
+            raise ArgumentError(
+                "muscles and water: wanted a solid, a Gmsh file of tetrahedra; this is a cloth."
+            )
+        if definition.muscles is None or definition.water is None:
+            raise ArgumentError("muscles: wanted [water] with them, and muscles in the water.")
+        if definition.movers or definition.ground is not None:
+            raise ArgumentError(
+                "muscles: a body with muscles swims freely, without movers and ground. Leave these out."
+            )
 
     def _body(self, mesh: Mesh) -> SoftBody:
         definition = self.definition
@@ -94,8 +125,13 @@ class Scene(SoftScene):
             point = (0.0, 0.0, ground.height)
             planes = (MovingPlane(friction=ground.friction, mover=len(movers.tables), point=point),)
         capsules, boxes = self._colliders()
+        water = None
+        air = Air(**definition.air.model_dump())
+        if definition.water is not None:
+            water = Water(**definition.water.model_dump())
+            air = Air(drag=0.0, density=0.0)
         surroundings = {
-            "air": Air(**definition.air.model_dump()),
+            "air": air,
             "capsules": tuple(capsules),
             "boxes": tuple(boxes),
             "planes": planes,
@@ -104,7 +140,9 @@ class Scene(SoftScene):
             "held": held,
         }
         if definition.is_solid:
-            return solid_body(mesh, definition.solid, pins, **surroundings)
+            return solid_body(
+                mesh, definition.solid, pins, definition.muscles, water=water, **surroundings
+            )
         return cloth_body(mesh, definition.cloth, pins, **surroundings)
 
     def _colliders(self) -> tuple[list[Capsule], list[MovingBox]]:
@@ -171,22 +209,31 @@ class Scene(SoftScene):
         duration: float,
         steps: int,
         parameters: Parameters | None = None,
+        muscles: MuscleMotion | None = None,
     ) -> Played:
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
         `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
-        those of each body, by default nominal. See `SoftProgram.play`.
+        those of each body, by default nominal; muscles are idle by default. See `SoftProgram.play`.
         """
         lanes = paths.shape[2] if paths.ndim > 2 else 1
         wind = None if parameters is None else self._wind_at(parameters)
-        return SoftProgram(self.body, lanes).play(
+        return SoftProgram(self.body, lanes, self.precision).play(
             motion.positions,
             motion.velocities,
             self.movers.poses(paths, motion.origin),
             duration,
             steps,
             wind,
+            muscles,
+            surface=self._surface_from(motion.origin),
         )
+
+    def _surface_from(self, origin: Float[np.ndarray, " ..."]) -> Float[np.ndarray, " ..."] | None:
+        """Return the height of the water's surface over the origin of each motion [m]; None without one."""
+        if self.water is None or self.water.surface is None:
+            return None
+        return np.asarray(self.water.surface - (origin[2] if origin.ndim else 0.0))
 
 
 def _refuse_loose_pieces(mesh: Mesh, pins: Int[np.ndarray, " K"]) -> None:

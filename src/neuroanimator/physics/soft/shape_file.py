@@ -92,6 +92,8 @@ def _made(
     if isinstance(scene, Scene):
         tensors["positions"] = scene.mesh.positions.astype(np.float32)
         tensors["elements"] = scene.mesh.elements.astype(np.int32)
+        if scene.muscles:
+            tensors["members"] = _members(scene.mesh, scene.muscles)
     write_tensors(path, tensors, {"kind": "shapes", "origin": origin})
     return path
 
@@ -103,8 +105,26 @@ def read_shapes(path: Path, definition: SoftDefinition) -> tuple[RestingShapes, 
     anchor = holding[0] if holding else FREE
     tensors, _ = read_tensors(path, "shapes")
     with _faults_named(path):
-        file = _checked(tensors, turning, anchor, len(definition.parameters))
-        return file, _mesh_of(tensors, file.shapes, 3 + definition.is_solid)
+        muscles = tuple(definition.muscles.along) if definition.muscles else ()
+        others = len(definition.parameters) + len(muscles)
+        file = _checked(tensors, turning, anchor, others)
+        mesh = _mesh_of(tensors, file.shapes, 3 + definition.is_solid)
+        if not muscles:
+            return file, mesh
+        members = tensors["members"]
+        if (
+            members.shape != (len(mesh.elements),)
+            or not ((members >= -1) & (members < len(muscles))).all()
+        ):
+            raise ValueError("muscles of another mesh")
+        return file, mesh._replace(groups=muscles, members=members.astype(int))
+
+
+def _members(mesh: Mesh, muscles: tuple[str, ...]) -> np.ndarray:
+    """Return the number of the muscle each element is in, -1 for none."""
+    assert mesh.members is not None
+    numbers = [muscles.index(name) if name in muscles else -1 for name in mesh.groups]
+    return np.array([*numbers, -1], np.int16)[mesh.members]
 
 
 def read_flex_shapes(path: Path, scene: FlexScene) -> RestingShapes:
@@ -128,11 +148,11 @@ def _faults_named(path: Path) -> Iterator[None]:
 
 
 def _checked(
-    tensors: Tensors, turning: tuple[bool, ...], anchor: int, parameters: int = 0
+    tensors: Tensors, turning: tuple[bool, ...], anchor: int, others: int = 0
 ) -> RestingShapes:
     first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}
-    size = first + 2 * len(own["scales"]) + parameters
+    size = first + 2 * len(own["scales"]) + others
     shapes = Shapes.from_tensors(own, first, placement_of(turning, anchor), size)
     rest = tensors["rest"]
     if rest.shape != (size,):

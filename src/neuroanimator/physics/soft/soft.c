@@ -13,16 +13,20 @@ typedef REAL real;
 FORMULAS
 
 typedef struct {
-    long nodes, pairs, pair_colours, tetrahedra, tetrahedron_colours, faces, face_colours, pins, movers, capsules, boxes, planes;
+    long nodes, pairs, pair_colours, tetrahedra, tetrahedron_colours, faces, face_colours, pins, movers, capsules, boxes, planes, muscles;
     const int *pair, *pair_colour, *tetrahedron, *tetrahedron_colour, *face, *face_colour;
     const int *pin, *holder, *capsule_mover, *box_mover, *plane_mover;
+    const int *muscle; /* two of each pair */
     const real *lightness, *length, *compliance, *damping, *volume, *volume_compliance;
     const real *held; /* pins from their movers */
     const real *radius, *capsule_start, *capsule_along, *capsule_friction;
     const real *half, *box_centre, *box_friction;
     const real *normal, *plane_point, *plane_friction;
     const real *wind; /* axis by axis, a number for each lane */
-    double margin, drag, air, air_limit, gravity[3];
+    const real *surface; /* height of the water's, for each lane */
+    const real *shortening; /* share of its length by which each of its two muscles shortens a pair */
+    const real *lift; /* weight of the water a node displaces, over its own */
+    double margin, drag, air, air_limit, gravity[3], face_drag, water_drag, depth, time_constant;
 } Body;
 
 /* Axis k of node i of lane l. */
@@ -57,6 +61,34 @@ static void add_air(const Body *b, const real *restrict x, real *restrict v, rea
             AT(v, j, a) += h / 3 * b->lightness[j] * push[a];
             AT(v, k, a) += h / 3 * b->lightness[k] * push[a];
         }
+    END
+}
+
+static void add_water(const Body *b, const real *restrict x, real *restrict v, real h) {
+    const size_t count = b->nodes;
+    const real depth = (real)b->depth;
+    const real gravity[3] = {b->gravity[0], b->gravity[1], b->gravity[2]};
+    COLOURS(b->face_colour, b->face_colours)
+        const int i = b->face[3 * e], j = b->face[3 * e + 1], k = b->face[3 * e + 2];
+        real right[3], up[3], flow[3], push[3];
+        for (int a = 0; a < 3; a++) {
+            right[a] = AT(x, j, a) - AT(x, i, a);
+            up[a] = AT(x, k, a) - AT(x, i, a);
+            flow[a] = (AT(v, i, a) + AT(v, j, a) + AT(v, k, a)) / 3;
+        }
+        const real height = (AT(x, i, 2) + AT(x, j, 2) + AT(x, k, 2)) / 3;
+        water_push(right, up, flow, height, (real)b->face_drag, b->surface[l], depth, push);
+        for (int a = 0; a < 3; a++) {
+            AT(v, i, a) += h / 3 * b->lightness[i] * push[a];
+            AT(v, j, a) += h / 3 * b->lightness[j] * push[a];
+            AT(v, k, a) += h / 3 * b->lightness[k] * push[a];
+        }
+    END
+    ELEMENTS(0, b->nodes)
+        const real before[3] = READ(v, e);
+        real after[3];
+        lifted(before, AT(x, e, 2), gravity, b->lift[e], (real)b->water_drag, b->surface[l], depth, h, after);
+        for (int a = 0; a < 3; a++) AT(v, e, a) = after[a];
     END
 }
 
@@ -115,7 +147,7 @@ static void hold_pins(const Body *b, real *restrict x, const real *poses) {
         }
 }
 
-static void pull_pairs(const Body *b, real *restrict x, const real *restrict p, real h) {
+static void pull_pairs(const Body *b, real *restrict x, const real *restrict p, const real *restrict active, real h) {
     const size_t count = b->nodes;
     const real inverse = 1 / h;
     COLOURS(b->pair_colour, b->pair_colours)
@@ -128,7 +160,14 @@ static void pull_pairs(const Body *b, real *restrict x, const real *restrict p, 
         const real softness = b->compliance[e] * inverse * inverse;
         const real damping = b->compliance[e] * b->damping[e] * inverse;
         const real light_i = b->lightness[i], light_j = b->lightness[j];
-        distance_push(extent, parting, light_i + light_j, b->length[e], softness, damping, push);
+#if MUSCLES
+        const real *share = b->shortening + 2 * e;
+        const real first = active[b->muscle[2 * e] * LANES + l], second = active[b->muscle[2 * e + 1] * LANES + l];
+        const real length = b->length[e] * (1 - share[0] * first - share[1] * second);
+#else
+        const real length = b->length[e];
+#endif
+        distance_push(extent, parting, light_i + light_j, length, softness, damping, push);
         for (int a = 0; a < 3; a++) {
             AT(x, i, a) -= light_i * push[a];
             AT(x, j, a) += light_j * push[a];
@@ -240,8 +279,12 @@ static void settle(const Body *b, const real *restrict x, real *restrict v, cons
 }
 
 /* Write positions and velocities after each of `frames` frames of `steps` small steps of h seconds; 0, or 1 without memory.
-   `paths` holds the movers' positions and headings, at the start and at each frame's end. */
-int play(const Body *b, long frames, long steps, double h, const real *start, const real *paths, real *states) {
+   `paths` holds the movers' positions and headings, at the start and at each frame's end, `controls` those of the muscles in
+   each frame, which their activations `active` follow. */
+int play(
+    const Body *b, long frames, long steps, double h, const real *start, const real *paths, const real *controls, real *active,
+    real *states
+) {
     const size_t size = 3 * b->nodes * LANES;
     const size_t stride = 4 * b->movers * LANES;
     const size_t of_poses = 5 * b->movers * LANES;
@@ -250,17 +293,21 @@ int play(const Body *b, long frames, long steps, double h, const real *start, co
     real *v = x + size, *p = v + size, *poses = p + size, *before = poses + of_poses;
     memcpy(x, start, 2 * size * sizeof(real));
     pose_movers(b, paths, paths, 0, poses);
+    const real left = b->time_constant > 0 ? (real)exp(-h / b->time_constant) : 0;
     for (long frame = 0; frame < frames; frame++) {
+        const real *held = controls + frame * b->muscles * LANES;
         const real *from = paths + frame * stride, *to = from + stride;
         for (long step = 0; step < steps; step++) {
             real *spare = before;
             before = poses;
             poses = spare;
             pose_movers(b, from, to, (step + 1) / (real)steps, poses);
+            for (long k = 0; k < b->muscles * LANES; k++) active[k] = held[k] + left * (active[k] - held[k]);
             if (b->air > 0) add_air(b, x, v, (real)h);
+            if (b->face_drag > 0) add_water(b, x, v, (real)h);
             coast(b, x, v, p, (real)h);
             hold_pins(b, x, poses);
-            pull_pairs(b, x, p, (real)h);
+            pull_pairs(b, x, p, active, (real)h);
             keep_volumes(b, x, (real)h);
             collide(b, x, p, before, poses);
             settle(b, x, v, p, (real)h);

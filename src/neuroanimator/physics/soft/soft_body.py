@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.physics.water import Water
+
 GRAVITY = (0.0, 0.0, -9.81)
 """Acceleration of free fall [m/s²]."""
 
@@ -76,7 +78,7 @@ class MovingPlane:
 
 
 COLOURED = {
-    "pair": ("pairs", "stiffness", "damping"),
+    "pair": ("pairs", "stiffness", "damping", "muscles"),
     "tetrahedron": ("tetrahedra", "bulk_stiffness"),
     "face": ("faces",),
 }
@@ -111,6 +113,11 @@ class SoftBody:
     planes: tuple[MovingPlane, ...] = ()
     margin: float = 0.0
     """Distance at which nodes touch colliders: half a cloth's thickness [m]."""
+    muscles: Float[np.ndarray, "P M"] = field(default_factory=lambda: np.zeros((0, 0)))
+    """Share of its length by which each fully activated muscle shortens each spring; by default there are none."""
+    time_constant: float = 0.0
+    """Time constant with which muscles follow their controls [s]."""
+    water: Water | None = None
     holders: Int[np.ndarray, " _"] = field(default_factory=lambda: np.zeros(0, int))
     """Number of the mover that holds each pin; by default the first."""
     held: Float[np.ndarray, "_ 3"] = field(default_factory=lambda: np.zeros((0, 3)))
@@ -121,6 +128,8 @@ class SoftBody:
     face_colours: Int[np.ndarray, " _"] = field(init=False)
 
     def __post_init__(self) -> None:
+        if not len(self.muscles):
+            object.__setattr__(self, "muscles", np.zeros((len(self.pairs), 0)))
         if not len(self.holders):
             object.__setattr__(self, "holders", np.zeros(len(self.pins), int))
         if not len(self.held):

@@ -8,17 +8,24 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.appearance.binding import NO_ROTATION
+from neuroanimator.definitions.parts import BodySampling
 from neuroanimator.physics.soft.own_frame import (
     ManyPoints,
     OwnMotion,
     seen_from_mover,
     seen_from_root,
 )
+from neuroanimator.physics.soft.program import MuscleMotion
 from neuroanimator.physics.soft.soft_body import Played, Points
+from neuroanimator.physics.starts import root_at_rest
+from neuroanimator.physics.water import Water
+from neuroanimator.state.gait import Gait
+from neuroanimator.state.layout import Bounds
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider, ShapeContacts
+from neuroanimator.state.structure import Mirror
 from neuroanimator.systems.movers import Movers, pace_of
+from neuroanimator.systems.random_controls import sample_controls
 
 CONTACT_REACH = 0.1
 """Distance at which features of contacts begin, over the size of the body."""
@@ -48,11 +55,6 @@ class Motion(NamedTuple):
         """Return the same motion with an origin amid the nodes."""
         middle = self.positions.mean(axis=0)
         return Motion(self.positions - middle, self.velocities, self.origin + middle)
-
-
-def root_at_rest(position: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 13"]:
-    """Return the position, quaternion, velocity and angular velocity of a body that stands still, upright."""
-    return np.concatenate([position, NO_ROTATION, np.zeros(6)])
 
 
 class SoftScene(abc.ABC):
@@ -87,6 +89,18 @@ class SoftScene(abc.ABC):
     """Whether a plane is drawn at height zero."""
     parameters: tuple[Parameter, ...] = ()
     """Parameters, which vary from run to run."""
+    muscles: tuple[str, ...] = ()
+    """Names of the muscles, each a control from 0 to 1."""
+    time_constant: float = 0.0
+    """Time constant with which muscles follow their controls [s]."""
+    water: Water | None = None
+    mirror: Mirror | None = None
+    """Left and right of the nodes and of the muscles, if there are muscles, and the mesh is its own mirror image."""
+    gait: Gait | None = None
+    sampling: BodySampling = BodySampling()
+    """Random starts of a body in water."""
+    rest_height: float = 0.0
+    """Height added to the mesh at rest [m]."""
 
     @property
     def ground(self) -> float:
@@ -119,12 +133,37 @@ class SoftScene(abc.ABC):
         duration: float,
         steps: int,
         parameters: Parameters | None = None,
+        muscles: MuscleMotion | None = None,
     ) -> Played:
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
         `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
-        those of each body, by default nominal.
+        those of each body, by default nominal; muscles are idle by default.
         """
+
+    def random_controls(
+        self, rng: np.random.Generator, count: int, steps: int, dt: float
+    ) -> Float[np.ndarray, "B T M"]:
+        """Return random controls of the muscles: they pull, or are idle. Without muscles nothing is drawn from `rng`."""
+        if not self.muscles:
+            return np.zeros((count, steps, 0))
+        both_ways = Bounds.symmetric(np.ones(len(self.muscles)))
+        runs = [sample_controls(rng, steps, dt, both_ways, self.gait) for _ in range(count)]
+        return np.stack(runs).clip(0, 1)
+
+    def contracted(
+        self,
+        activations: Float[np.ndarray, "L M"],
+        controls: Float[np.ndarray, "L T M"],
+        dt: float,
+    ) -> Float[np.ndarray, "L T M"]:
+        """Return the activations of the muscles after each control, from `activations` on."""
+        left = np.exp(-dt / self.time_constant) if self.time_constant else 0.0
+        followed = np.empty_like(controls)
+        for step in range(controls.shape[1]):
+            activations = controls[:, step] + left * (activations - controls[:, step])
+            followed[:, step] = activations
+        return followed
 
     def contacts(
         self,

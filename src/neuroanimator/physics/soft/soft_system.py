@@ -20,7 +20,9 @@ from neuroanimator.physics.schemes import schemes_of
 from neuroanimator.physics.soft.find_shapes import RestingShapes
 from neuroanimator.physics.soft.flex_model import geoms_below
 from neuroanimator.physics.soft.flex_scene import FlexScene
+from neuroanimator.physics.soft.mirror import odd_modes
 from neuroanimator.physics.soft.own_frame import ManyPoints
+from neuroanimator.physics.soft.program import MuscleMotion
 from neuroanimator.physics.soft.scene import Scene
 from neuroanimator.physics.soft.soft_scene import WORLD, Motion
 from neuroanimator.physics.soft.throws import random_roots
@@ -40,7 +42,7 @@ from neuroanimator.state.segments import (
     Velocity,
 )
 from neuroanimator.state.shape_contacts import FREE
-from neuroanimator.state.structure import Structure
+from neuroanimator.state.structure import REVERSED_ABOUT, SoftSwimmer, Structure
 from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
 from neuroanimator.terminal import inner_bar
 
@@ -48,10 +50,13 @@ BLOCK = 8
 """Number of super steps simulated at once: memory grows with it."""
 
 FREE_BLOCK = 2
-"""The same for bodies that nothing holds: they fly away from an origin, and float32 is only precise near it."""
+"""The same for bodies that are thrown: they fly away from an origin, and float32 is only precise near it."""
 
 THROW_STEPS = 64
 """Number of super steps in a run of a free body, after which most are out of the movers' reach."""
+
+SWIM_STEPS = 96
+"""Number of super steps in a run of a body with muscles: it takes three seconds to come to its speed."""
 
 MAX_AMPLITUDE = 20.0
 """Amplitude, over the size of the body, at which a motion has diverged."""
@@ -93,7 +98,11 @@ class SoftSystem(System):
         self.scene = scene
         self.rest = found.rest
         self.parameters = scene.parameters
-        if self.is_free:
+        if scene.muscles:
+            self.run_steps = SWIM_STEPS
+            self.window_steps = System.window_steps
+            self.warm_up = definition.sampling.warm_up
+        elif self.is_free:
             self.run_steps = THROW_STEPS
         physics = definition.physics
         self.scheme, self.truth, self.fine = schemes_of(physics, scene.integrator)
@@ -106,6 +115,7 @@ class SoftSystem(System):
                 *(ROOT_SLICES if self.is_free else ()),
                 Slice("shapes", count, "m"),
                 Slice("shape_rates", count, "m/s"),
+                *([Slice("activations", len(scene.muscles), "1")] if scene.muscles else []),
                 *(parameter.slice for parameter in self.parameters),
             )
         )
@@ -113,14 +123,24 @@ class SoftSystem(System):
             refuse_twins((part.name for part in self.state.slices), "movers")
         except ValueError as error:
             raise ArgumentError(f"{error}. Rename a mover or a parameter.") from error
-        self.control = Layout(tuple(movers.slices("control")))
-        self.bounds = Bounds.symmetric(movers.speed)
+        pulls = tuple(Slice(name, 1, "1") for name in scene.muscles)
+        self.control = Layout((*movers.slices("control"), *pulls))
+        count = len(pulls)
+        self.bounds = Bounds((*-movers.speed, *[0.0] * count), (*movers.speed, *[1.0] * count))
+        self.gait = scene.gait
+        self.water_surface = None if scene.water is None else scene.water.surface
         self.structure = self._structure(definition.contact_nodes)
         self.skeleton = Skeleton(tuple(self._bones()), shapes=self.shapes)
         self.body_length = self.scene.size
         self.has_ground = scene.has_ground
         self.ground_height = scene.ground_height
         self.goals = self.goals_of(definition.goals)
+
+    @property
+    def activations(self) -> slice:
+        """State entries of the muscles' activations."""
+        first = self.shapes.first + 2 * len(self.shapes.modes)
+        return slice(first, first + len(self.scene.muscles))
 
     @property
     def is_free(self) -> bool:
@@ -140,6 +160,8 @@ class SoftSystem(System):
             segments.append(Plain(size=3))
             plain = range(first - 3, first + 2 * count)
         segments.append(Plain(size=2 * count))
+        if self.scene.muscles:
+            return self._muscular_structure(segments[2:], tuple(plain))
         if self.parameters:
             constant = range(first + 2 * count, self.state.size)
             segments.append(Constant(size=len(constant)))
@@ -156,11 +178,42 @@ class SoftSystem(System):
             shape_contacts=self.scene.contacts(self.shapes.mean, nodes, self.shapes.modes),
         )
 
+    def _muscular_structure(self, segments: list[Segment], plain: tuple[int, ...]) -> Structure:
+        """Return the structure of a free body with muscles, which touches nothing; its last segment is that of activations."""
+        scene = self.scene
+        assert isinstance(scene, Scene)
+        assert scene.water is not None
+        modes = self.shapes.modes
+        muscles = Lag(size=len(scene.muscles), time_constant=scene.time_constant)
+        odd: tuple[bool, ...] = ()
+        if scene.mirror is not None:
+            odd = (*REVERSED_ABOUT, *2 * odd_modes(modes, scene.mirror))
+        centre = scene.centre(scene.positions)
+        away = self.shapes.mean - self.shapes.mean.mean(axis=0)
+        gyration = float(np.sqrt((away**2).sum(axis=1).mean()))
+        probes = tuple(
+            (*np.subtract(place, centre).tolist(), 0.0) for place in scene.definition.probes
+        )
+        return Structure(
+            angles=(),
+            rates=(),
+            plain=(*plain, *range(self.activations.start, self.activations.stop)),
+            segments=(*segments, muscles),
+            probes=probes,
+            has_gravity=scene.water.has_gravity,
+            is_immersed=scene.water.surface is not None,
+            mirror=scene.mirror,
+            swimmer=SoftSwimmer(gyration=gyration, odd=odd),
+        )
+
     def _bones(self) -> list[Bone]:
         bones = []
         if isinstance(self.scene, FlexScene):
             bones += scenery(self.scene.model, self.scene.data)
         movers = self.scene.movers
+        if self.scene.muscles:
+            root = Joint("free", 2 * movers.size, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+            bones.append(Bone("body", -1, (0.0, 0.0, 0.0), NO_ROTATION, (root,), ()))
         for number, (name, mover, place) in enumerate(
             zip(movers.names, movers.tables, movers.places, strict=True)
         ):
@@ -213,10 +266,11 @@ class SoftSystem(System):
         rates: Float[np.ndarray, "*B D"],
         origin: Float[np.ndarray, " ..."] = WORLD,
         parameters: Float[np.ndarray, "*#B Q"] | None = None,
+        activations: Float[np.ndarray, "*B M"] | None = None,
     ) -> Float[np.ndarray, "*B S"]:
         """Return the states closest to the motion of all nodes; `positions` are relative to `origin` [m].
 
-        Parameters are nominal by default.
+        Parameters are nominal by default, and muscles idle.
         """
         mean = self.shapes.mean
         own = self.scene.own_motion(positions, velocities, movers, rates, mean, origin)
@@ -225,7 +279,9 @@ class SoftSystem(System):
         if parameters is None:
             parameters = nominal_values(self.parameters)
         held = np.broadcast_to(parameters, (*movers.shape[:-1], parameters.shape[-1]))
-        parts = [movers, rates, own.root, amplitudes, changes, held]
+        if activations is None:
+            activations = np.zeros((*movers.shape[:-1], len(self.scene.muscles)))
+        parts = [movers, rates, own.root, amplitudes, changes, activations, held]
         return np.concatenate(parts, axis=-1)
 
     def _simulate(
@@ -258,23 +314,33 @@ class SoftSystem(System):
     ) -> Float[np.ndarray, "L T S"]:
         """Return the states after each control."""
         dt = substeps * scheme.dt
-        lanes, count, size = controls.shape
+        lanes, count = controls.shape[:2]
+        size = self.scene.movers.size
+        muscles = controls[..., size:]
+        active = starts[:, self.activations]
+        controls = controls[..., :size]
         changes = dt * np.concatenate([np.zeros((lanes, 1, size)), controls], axis=1)
         movers = starts[:, None, :size] + np.cumsum(changes, axis=1)
         paths = np.moveaxis(movers, 0, -1)
         motion = self.motion(starts)
         parameters = starts[:, self.parameter_entries]
-        block_size = FREE_BLOCK if self.is_free else BLOCK
+        block_size = FREE_BLOCK if self.is_free and not self.scene.muscles else BLOCK
         told = []
         for first in range(0, count, block_size):
             block = paths[first : first + block_size + 1]
-            played = self.scene.play(motion, block, dt, substeps, parameters.T)
+            driven = muscles[:, first : first + block_size]
+            pulls = MuscleMotion(active.T, np.moveaxis(driven, 0, -1))
+            followed = self.scene.contracted(active, driven, dt)
+            active = followed[:, -1]
+            played = self.scene.play(motion, block, dt, substeps, parameters.T, pulls)
             positions, velocities = (np.moveaxis(part, -1, 0) for part in played)
             moved = movers[:, first + 1 : first + block_size + 1]
             rates = controls[:, first : first + block_size]
             origin = motion.origin.T[:, None]
             told.append(
-                self.encode(positions, velocities, moved, rates, origin, parameters[:, None])
+                self.encode(
+                    positions, velocities, moved, rates, origin, parameters[:, None], followed
+                )
             )
             motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
         states = np.concatenate(told, axis=1)
@@ -320,6 +386,8 @@ class SoftSystem(System):
 
         They begin at the `starts`, by default at rest, and return from there.
         """
+        if self.scene.muscles:
+            return self.scene.random_controls(rng, count, steps, dt)
         if starts is None:
             starts = np.repeat(self.rest[None], count, axis=0)
         size = self.scene.movers.size

@@ -1,4 +1,4 @@
-"""Starts of a body that nothing holds: at rest, or thrown above its place of rest, undeformed."""
+"""Starts of a body that nothing holds, undeformed: at rest, thrown above its place of rest, or swimming about it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.physics.soft.soft_body import GRAVITY, Points
-from neuroanimator.physics.soft.soft_scene import SoftScene, root_at_rest
+from neuroanimator.physics.soft.soft_scene import SoftScene
+from neuroanimator.physics.starts import root_at_rest, swimming_roots
 from neuroanimator.state.rotation import facing, multiply
 
 REST_SHARE = 0.5
@@ -34,6 +35,9 @@ def random_roots(
     `mean` are the nodes in the body's own frame, `centre` is its position at rest, and `movers` are the movers' entries. No
     node is deeper in anything than `SoftScene.margin`, or than the deepest at rest, where a body touches its support.
     """
+    if scene.water is not None:
+        has_gravity = scene.water.has_gravity
+        return list(swimming_roots(scene.sampling, rng, centre, len(movers), has_gravity))
     contacts = scene.contacts(mean, tuple(range(len(mean))))
     rates = np.zeros(scene.movers.size)
     at_rest = contacts.distances(scene.state_at_rest(centre))

@@ -11,12 +11,13 @@ import pytest
 from neuroanimator.codegen import compiler
 from neuroanimator.codegen.compiler import find_compiler
 from neuroanimator.physics import load_system
-from neuroanimator.physics.deformable.body import Body, Ground, Water
+from neuroanimator.physics.deformable.body import Body, Ground
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.physics.deformable.mass_spring import BodyState, trajectory
 from neuroanimator.physics.deformable.native import source as source
 from neuroanimator.physics.deformable.native.compiled import INTEGRATORS, SINGLE_LANES, c_twin
 from neuroanimator.physics.deformable.native.source import fill_in
+from neuroanimator.physics.water import Water
 
 STEPS = 100
 needs_compiler = pytest.mark.skipif(

@@ -12,7 +12,7 @@ from jax import numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from neuroanimator.codegen.c_formula import c_formula
-from neuroanimator.physics.deformable.body import Body, point_forces, wetness
+from neuroanimator.physics.deformable.body import Body, point_forces
 from neuroanimator.physics.deformable.body_parameters import (
     DAMPING_FACTOR,
     DENSITY_FACTOR,
@@ -25,7 +25,8 @@ from neuroanimator.physics.deformable.body_parameters import (
     spring_numbers,
     with_numbers,
 )
-from neuroanimator.physics.deformable.mass_spring import effective_stiffness, face_forces
+from neuroanimator.physics.deformable.mass_spring import effective_stiffness
+from neuroanimator.physics.water import face_forces, wetness
 
 PROGRAM = Path(__file__).with_name("mass_spring.c")
 """Path of the loop, which is the same for every body."""
@@ -100,8 +101,9 @@ def _formulas(body: Body) -> str:
         right: Array, up: Array, velocities: Array, wet: Array, share: Array, *face_drag: Array
     ) -> Array:
         """Return the force on each corner of a face; `velocities` is a sum over corners, `share` one over their number."""
-        here = _in_water(body, "face_drag", face_drag)
-        return face_forces(here, right, up, velocities, wet) * share**2
+        here = _in_water(body, "face_drag", face_drag).water
+        assert here is not None
+        return face_forces(here.face_drag, right, up, velocities, wet) * share**2
 
     of_water = (number,) if body.varied else ()
     spring = (vector, vector, number, number, number)
@@ -109,7 +111,7 @@ def _formulas(body: Body) -> str:
     face = (vector, vector, vector, number, number, *of_water)
     formulas = [
         c_formula("spring_stiffness", effective_stiffness, *spring),
-        c_formula("wetness", partial(wetness, body), number),
+        c_formula("wetness", partial(wetness, body.water), number),
         c_formula("point_force", point_force, *point),
     ]
     if body.water is not None:
