@@ -33,9 +33,13 @@ test("what shapes nothing changes itself alone", () => {
   expect(Math.hypot(...change.subarray(0, 13))).toBe(0);
 });
 
-test("a body without a policy moves by its gait", () => {
+test("a body without a policy moves by its gait, about the control that is idle", () => {
   const pilot = new GaitPilot(FAMILY, { period: 0.4, amplitudes: [1, 0.5], lags: [0, Math.PI / 4] });
   const [first, second] = pilot.control(new Float32Array(14), 0);
   expect(first).toBeCloseTo(Math.sin(Math.PI / 4), 6);
-  expect(second).toBeCloseTo(2, 6);
+  expect(second).toBeCloseTo(0, 6);
+  const pulling = { period: 0.4, amplitudes: [0, 0.5], lags: [0, -Math.PI / 4] };
+  expect(new GaitPilot(FAMILY, pulling).control(new Float32Array(14), 0)[1]).toBeCloseTo(2, 6);
+  const resting = { ...pulling, amplitudes: [0, -0.5] };
+  expect(new GaitPilot(FAMILY, resting).control(new Float32Array(14), 0)[1]).toBe(0);
 });

@@ -94,6 +94,10 @@ class Scene(SoftScene):
         if definition.muscles is None and definition.water is None and not definition.movers:
             raise ArgumentError("movers: wanted at least one, or [muscles].")
         if definition.muscles is None and definition.water is None:
+            if definition.rest_height or definition.probes or definition.gait:
+                raise ArgumentError(
+                    "rest_height, probes and gait: these are for bodies with [muscles]. Leave them out."
+                )
             return
         if not definition.is_solid:
             raise ArgumentError(
