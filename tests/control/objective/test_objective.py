@@ -552,7 +552,9 @@ def test_a_periodic_pattern_is_a_gait_and_repeats():
     controls = np.asarray(periodic.controls(jnp.asarray(z)))
     np.testing.assert_allclose(controls[12:24], controls[:12], atol=1e-4)
     weak = z * 1e-2
-    gait = periodic.gait(weak).controls(48, DT, BOUNDS)
+    both_ways = Bounds.symmetric(BOUNDS.half)  # a gait is about the idle control
+    periodic = Periodic.of(48, DT, 0.6, both_ways)
+    gait = periodic.gait(weak).controls(48, DT, both_ways)
     np.testing.assert_allclose(gait, periodic.controls(jnp.asarray(weak)), atol=1e-3)
 
 

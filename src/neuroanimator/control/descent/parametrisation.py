@@ -191,7 +191,7 @@ class Periodic(Parametrisation):
         return np.round(1 - met / (np.sum(raw**2) + TINY), MISFIT_DIGITS)
 
     def gait(self, z: np.ndarray) -> Gait:
-        """Return the pattern of z as a gait; offsets and the saturation of strong waves are left out."""
+        """Return the pattern of z as a gait of controls that idle in their middle, without offsets and saturation."""
         sine, cosine = np.asarray(z[1:], float).reshape(3, -1)[1:]
         heights = np.tanh(np.hypot(sine, cosine))
         period = float(self.period / self._tempo(np.asarray(z[0])))

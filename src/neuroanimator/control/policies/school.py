@@ -89,7 +89,7 @@ def school_start(
         points = shapes.mean
         entries = first_of_each(structure.segments)[Position].entries
     else:
-        entries = slice(3 * cloud.count)
+        entries = slice(0, 3 * cloud.count)
         points = middle[entries].reshape(-1, 3)
     length = float(np.ptp(points, axis=0).max())
     offsets = length * _grid(count, np.random.default_rng(seed))
