@@ -57,7 +57,7 @@ export class Session {
     this.swimmer = policy instanceof Policy ? new PolicyPilot(policy, facts) : null;
     this.walker = policy instanceof CommandedPolicy ? new WalkPilot(policy, facts) : null;
     this.movers = null;
-    if (facts.surface) {
+    if (facts.surface && facts.movers?.length) {
       const path = new WanderPath(this.player.motion, facts);
       this.movers = { path, pilot: new MoverPilot(facts, path) };
     }

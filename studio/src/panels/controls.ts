@@ -73,7 +73,7 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
     turn.row,
     climb.row,
     element("div", "row", [target]),
-    schoolRow(session),
+    ...(session.facts.surface ? [] : [schoolRow(session)]), // one of flesh swims alone
   );
   const life = session.canLive ? lifeRow(session, goLive) : null;
   if (life) {
