@@ -166,7 +166,11 @@ def policy_beside(source: Path, emulator: Emulator) -> Policy | None:
     """Return the policy that ships with the emulator at `source`; None where there is none."""
     name = emulator.system
     shipped = SHIPPED_SYSTEMS.get(name)
-    if shipped is None or not shipped.has_policy or source != shipped_path(name, shipped.substeps[0]):
+    if (
+        shipped is None
+        or not shipped.has_policy
+        or source != shipped_path(name, shipped.substeps[0])
+    ):
         return None
     return load_policy(shipped_policy(name))
 

@@ -246,7 +246,9 @@ def test_shipped_policies_load_and_are_small(name: str):
 
 
 def test_a_policy_that_does_not_ship_is_refused_with_the_names():
-    with pytest.raises(BadFileError, match="^No policy file 'whale', .* Shipped: dolphin, fish, trout.$"):
+    with pytest.raises(
+        BadFileError, match="^No policy file 'whale', .* Shipped: dolphin, fish, trout.$"
+    ):
         find_policy("whale")
 
 
