@@ -23,7 +23,7 @@ from neuroanimator.learn.training.survey import Survey, base_windows, sample_of
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.system import System
 
-STILL = 0.02
+STILL = 0.01
 """Share of a usual change by which a system at rest may move in a super step and still count as staying."""
 
 
