@@ -24,7 +24,6 @@ from neuroanimator.definitions.parts import (
     BodySampling,
     GaitTable,
     GoalTable,
-    NotNegative,
     Parameters,
     WaterTable,
 )
@@ -32,6 +31,9 @@ from neuroanimator.files.names import FileName, PartName, SystemName
 from neuroanimator.files.tables import Finite, Positive, Step, Table
 
 Vector = tuple[Finite, Finite, Finite]
+
+NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
+"""A number that may be zero, for the absence of the effect it measures."""
 
 Extent = tuple[NotNegative, NotNegative, NotNegative]
 
@@ -41,6 +43,10 @@ SOLID_ENDING = ".msh"
 
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 """Units of length of a mesh [m]."""
+
+
+MAX_MUSCLES = 64
+"""Maximum number of muscles."""
 
 
 class MeshReading(Table):
@@ -158,7 +164,7 @@ class SolidMusclesTable(Table):
     """Share of its length by which a muscle shortens at full control."""
     time_constant: Annotated[float, Field(ge=0, le=10)] = 0.05
     """Time constant with which a muscle follows its control [s]."""
-    along: Annotated[dict[PartName, Vector], Field(min_length=1, max_length=64)]
+    along: Annotated[dict[PartName, Vector], Field(min_length=1, max_length=MAX_MUSCLES)]
     """Direction of the mesh along which each group of tetrahedra shortens, by the group's name; controls are sorted by it."""
 
     @field_validator("along")

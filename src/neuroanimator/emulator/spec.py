@@ -147,6 +147,8 @@ class EmulatorSpec(eqx.Module):
         if metadata["gait"] is not None:
             gait = Gait.from_json(metadata["gait"], control.size)
         skeleton = Skeleton.from_json(metadata["skeleton"], state.size)
+        if shapes and "shapes" not in metadata:
+            raise ValueError("shapes: of a body that is not soft")
         if "shapes" in metadata:
             first = whole(metadata["shapes"]["first"], "shapes: first", 0, MAX_NUMBERS)
             placement = Placement.from_json(metadata["shapes"])

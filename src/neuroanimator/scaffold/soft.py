@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.definitions.soft import SOLID_ENDING, MeshReading, SoftDefinition
+from neuroanimator.definitions.soft import MAX_MUSCLES, SOLID_ENDING, MeshReading, SoftDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.tables import check_table
@@ -92,7 +92,7 @@ FREE_ROW = (
 
 NO_MUSCLES_ROW = (
     "muscles",
-    'none: its mesh names no groups of tetrahedra (Gmsh: Physical Volume("left") = {1};)',
+    'none: its mesh does not name two groups or more of tetrahedra (Gmsh: Physical Volume("left") = {1};)',
 )
 """Row for the screen about a solid without muscles."""
 
@@ -127,7 +127,9 @@ def propose_soft(path: Path, given: MeshReading) -> Proposal:
     if "unit" not in given.model_fields_set:
         _ask_for_unit(path.name, mesh.positions)
     is_solid = path.suffix == SOLID_ENDING
-    if mesh.groups:
+    # A group alone names the material.
+    has_muscles = 2 <= len(mesh.groups) <= MAX_MUSCLES
+    if has_muscles:
         own = _swimmer_values(mesh, size)
         held_row = ("muscles", f"{listed(mesh.groups)}, along the longest side of each")
     elif is_solid:
@@ -159,12 +161,12 @@ def propose_soft(path: Path, given: MeshReading) -> Proposal:
     if mesh.mended:
         told.append(("mended", "; ".join(mesh.mended)))
     told.append(held_row)
-    if is_solid and not mesh.groups:
+    if is_solid and not has_muscles:
         told.append(NO_MUSCLES_ROW)
     constraints = len(scene.body.pairs) + len(scene.body.tetrahedra)
     count, frames = SOFT_COUNT, data_steps(scene.anchor == FREE)
     parts = ("holder", "ball", "holder_velocity", "ball_velocity")
-    if mesh.groups:
+    if has_muscles:
         count, frames = SWIMMER_COUNT, swimming_steps(definition)
         parts = ("position", "orientation", "velocity", "activations")
     elif is_solid:

@@ -14,6 +14,7 @@ import neuroanimator as na
 from neuroanimator.control.policies.policy import fresh_policy
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.zoo import find_policy
 from neuroanimator.physics.soft import constraints
 from neuroanimator.physics.soft.mesh_file import read_mesh
 from neuroanimator.physics.soft.program import MuscleMotion, SoftProgram
@@ -255,6 +256,44 @@ def test_new_proposes_muscles_from_the_groups_of_a_mesh(tmp_path: Path):
     assert not definition.movers
     assert "muscles" in dict(proposal.told)
     assert path.read_text().count("[muscles.along]") == 1
+
+
+MATERIALS = {
+    "a name of two words": ('"front_lu"', '"Upper left muscle"'),
+    "a name that moves the cursor": ('"front_lu"', '"\\x1b[2Afront"'),
+    "a name that is too long": ('"front_lu"', f'"{"front" * 10}"'),
+}
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_group_whose_name_no_muscle_may_have_is_left_out(name: str, tmp_path: Path):
+    old, new = MATERIALS[name]
+    text = mesh_text().replace(old, new)
+    assert read_mesh("trout.msh", text.encode()).groups == tuple(
+        sorted(set(MUSCLES) - {"front_lu"})
+    )
+    (tmp_path / "trout.msh").write_text(text)
+    _, proposal = write_definition(str(tmp_path / "trout.msh"))
+    assert len(proposal.definition.muscles.along) == 11
+
+
+def test_a_single_group_names_the_material_and_is_no_muscle(tmp_path: Path):
+    lines = mesh_text().split("\n")
+    first, last = lines.index("$PhysicalNames") + 1, lines.index("$EndPhysicalNames")
+    (tmp_path / "trout.msh").write_text(
+        "\n".join([*lines[:first], "1", '3 1 "gel"', *lines[last:]])
+    )
+    _, proposal = write_definition(str(tmp_path / "trout.msh"))
+    assert proposal.definition.muscles is None
+    assert list(proposal.definition.movers) == ["paddle"]
+
+
+def test_shapes_in_the_file_of_another_body_are_refused(tmp_path: Path):
+    file = tmp_path / "fish.policy.safetensors"
+    tensors, metadata = read_tensors(find_policy("fish"), "policy")
+    write_tensors(file, tensors | {"shapes.mean": np.zeros((3, 3), np.float32)}, metadata)
+    with pytest.raises(NeuroAnimatorError, match="shapes: of a body that is not soft"):
+        na.Policy.load(file)
 
 
 BROKEN = {

@@ -10,11 +10,13 @@ $Elements  2.2: count, then "tag type count labels... nodes..." lines, the first
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.files.names import PART_PATTERN
 from neuroanimator.files.numbers import whole_in
 from neuroanimator.files.text_lines import text_lines
 from neuroanimator.physics.soft.mesh import Mesh, coordinates, refuse_size
@@ -49,6 +51,10 @@ class _Lines:
         except ValueError as error:
             raise BadFileError(f"{name}: {error}. Save it again.") from error
         self._next = 0
+        self._sections: dict[str, int] = {}
+        for number, line in enumerate(self._lines, start=1):
+            if line.lstrip().startswith("$"):
+                self._sections.setdefault(line.strip(), number)
 
     @property
     def number(self) -> int:
@@ -62,11 +68,8 @@ class _Lines:
 
     def has_section(self, title: str) -> bool:
         """Go to the line after `$title`; return False if there is none."""
-        for number, line in enumerate(self._lines):
-            if line.strip() == f"${title}":
-                self._next = number + 1
-                return True
-        return False
+        self._next = self._sections.get(f"${title}", self._next)
+        return f"${title}" in self._sections
 
     def words(self, least: int) -> list[str]:
         """Return the words of the next line, at least `least` of them."""
@@ -155,7 +158,7 @@ def read_msh(name: str, content: bytes) -> Mesh:
 
 
 def _group_names(lines: _Lines) -> dict[int, str]:
-    """Return the name of each group of volumes by its tag."""
+    """Return the name of each group of volumes by its tag; groups with names that no muscle may have are left out."""
     if not lines.has_section("PhysicalNames"):
         return {}
     (count,) = lines.wholes(1)[:1]
@@ -166,7 +169,7 @@ def _group_names(lines: _Lines) -> dict[int, str]:
         dimension, tag, *words = lines.words(3)
         if dimension == "3":
             names[lines.as_wholes([tag])[0]] = " ".join(words).strip('"')
-    return names
+    return {tag: name for tag, name in names.items() if re.fullmatch(PART_PATTERN, name)}
 
 
 def _groups_of_volumes(lines: _Lines) -> dict[int, int]:
