@@ -96,13 +96,10 @@ def unseen(
     rest = system.motion(starts)
     at_rest = Motion(rest.positions + rest.origin, rest.velocities)
     play = system.scene.play
-    pulls = [np.moveaxis(part, 0, -1) for part in (muscles[:, :lead], muscles[:, lead:])]
     idle = starts[:, system.activations]
-    active = system.scene.contracted(idle, muscles[:, :lead], dt)[:, -1].T
-    driven = MuscleMotion(active, pulls[1])
-    before, velocities = play(
-        at_rest, paths[: lead + 1], dt, steps, parameters, MuscleMotion(idle.T, pulls[0])
-    )
+    first, followed = system.scene.contracted(idle, muscles[:, :lead], dt)
+    driven, _ = system.scene.contracted(followed[:, -1], muscles[:, lead:], dt)
+    before, velocities = play(at_rest, paths[: lead + 1], dt, steps, parameters, first)
     start = Motion(before[-1].copy(), velocities[-1].copy())
     if by_reference:
         steps = system.fine.steps(dt)

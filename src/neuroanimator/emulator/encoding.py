@@ -20,9 +20,16 @@ from neuroanimator.emulator.domain import Domain
 from neuroanimator.emulator.features import Features
 from neuroanimator.files.numbers import entries
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.body_frame import PROBE_FEATURES
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.segments import Segment
-from neuroanimator.state.structure import Structure, mixing, pairs_up
+from neuroanimator.state.structure import (
+    REVERSED_ABOUT,
+    REVERSED_ALONG,
+    Structure,
+    mixing,
+    pairs_up,
+)
 
 ACTIVATIONS = "activations"
 """Name of the part of a state that holds those of muscles."""
@@ -44,6 +51,11 @@ class Encoding(eqx.Module):
 
     @property
     @abc.abstractmethod
+    def control_partners(self) -> tuple[int, ...]:
+        """Partner of each control in the body's mirror; empty without one."""
+
+    @property
+    @abc.abstractmethod
     def is_identity(self) -> bool:
         """Whether the latent state is the state itself."""
 
@@ -53,9 +65,9 @@ class Encoding(eqx.Module):
         """Whether latent numbers are entries of the state, in their order, but for mixtures of activations."""
 
     @property
-    @abc.abstractmethod
     def odd_controls(self) -> int:
         """Number of latent controls, the first ones, that change sign in the body's mirror; 0 without one."""
+        return mixing(self.control_partners)[1] if self.control_partners else 0
 
     @property
     @abc.abstractmethod
@@ -84,13 +96,31 @@ class Encoding(eqx.Module):
     def state_axes(self, latent_axes: tuple[int, ...]) -> tuple[int, ...]:
         """Return the axis along which each state entry moves with a latent state, as in `Origin`."""
 
-    @abc.abstractmethod
     def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        """Return the latent controls of `control` (..., C)."""
+        """Return the latent controls of `control` (..., C): with a mirror, differences of left and right, then sums."""
+        return control @ self._mix(control) if self.control_partners else control
 
-    @abc.abstractmethod
     def decode_control(self, latent: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
         """Return the controls (..., C) that `encode_control` maps to `latent`."""
+        return latent @ self._mix(latent).mT if self.control_partners else latent
+
+    def odd_muscles(self) -> tuple[bool, ...]:
+        """Return (C,) whether the mirror reverses each latent control."""
+        return tuple(number < self.odd_controls for number in range(len(self.control_partners)))
+
+    def _mix(self, like: AnyArray) -> Float[AnyArray, "C C"]:
+        """Return the mixing of left and right as an array of the library and the type of `like`."""
+        return like.__array_namespace__().asarray(
+            mixing(self.control_partners)[0], dtype=like.dtype
+        )
+
+    @abc.abstractmethod
+    def odd_changes(self, body: Structure) -> tuple[bool, ...]:
+        """Return (V,) whether the mirror of the `body` reverses each number of a change of the latent state."""
+
+    @abc.abstractmethod
+    def odd_features(self, body: Structure) -> tuple[bool, ...]:
+        """Return (K,) whether the mirror of the `body` reverses each raw feature."""
 
     @abc.abstractmethod
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B I"]:
@@ -122,6 +152,12 @@ class Encoding(eqx.Module):
         """Return the JSON that, together with the arrays, makes up the encoding; None for the identity."""
 
 
+def odd_local(body: Structure) -> tuple[bool, ...]:
+    """Return whether the mirror reverses each number that a frame shows: direction of gravity, velocity, the probes'."""
+    gravity = REVERSED_ALONG if body.has_gravity else ()
+    return (*gravity, *REVERSED_ALONG, *(False,) * (PROBE_FEATURES * len(body.probes)))
+
+
 class StateEncoding(Encoding):
     """The latent state is the state itself, but for muscles with a mirror: differences of left and right, then sums."""
 
@@ -145,16 +181,16 @@ class StateEncoding(Encoding):
         return self.state
 
     @property
+    def control_partners(self) -> tuple[int, ...]:
+        return self.partners
+
+    @property
     def is_identity(self) -> bool:
         return not self.partners
 
     @property
     def keeps_entries(self) -> bool:
         return True
-
-    @property
-    def odd_controls(self) -> int:
-        return mixing(self.partners)[1] if self.partners else 0
 
     @property
     def is_mirrored(self) -> bool:
@@ -187,17 +223,14 @@ class StateEncoding(Encoding):
     def state_axes(self, latent_axes: tuple[int, ...]) -> tuple[int, ...]:
         return latent_axes
 
-    def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        if not self.partners:
-            return control
-        mix = control.__array_namespace__().asarray(mixing(self.partners)[0], dtype=control.dtype)
-        return control @ mix
+    def odd_changes(self, body: Structure) -> tuple[bool, ...]:
+        assert body.swimmer is not None
+        return (*REVERSED_ALONG, *REVERSED_ABOUT, *REVERSED_ALONG, *body.swimmer.odd)
 
-    def decode_control(self, latent: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        if not self.partners:
-            return latent
-        mix = latent.__array_namespace__().asarray(mixing(self.partners)[0], dtype=latent.dtype)
-        return latent @ mix.mT
+    def odd_features(self, body: Structure) -> tuple[bool, ...]:
+        assert body.swimmer is not None
+        muscles = self.odd_muscles()
+        return (*body.swimmer.odd, *muscles, *odd_local(body), *muscles)
 
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B S"]:
         return self.encode(states).astype(np.float32, copy=False)

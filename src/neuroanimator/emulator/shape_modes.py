@@ -16,12 +16,11 @@ from jaxtyping import Array, Bool, Float
 
 from neuroanimator.emulator.arrays import zeros
 from neuroanimator.emulator.domain import Domain
-from neuroanimator.emulator.encoding import Encoding
+from neuroanimator.emulator.encoding import Encoding, odd_local
 from neuroanimator.emulator.features import Features
 from neuroanimator.emulator.origin import NOWHERE
 from neuroanimator.files.numbers import listed, number, whole
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.body_frame import PROBE_FEATURES
 from neuroanimator.state.layout import MAX_NUMBERS, Layout, Slice
 from neuroanimator.state.reference_shape import (
     Cloud,
@@ -41,7 +40,7 @@ from neuroanimator.state.segments import (
     Segment,
     Velocity,
 )
-from neuroanimator.state.structure import REVERSED_ABOUT, REVERSED_ALONG, Mirror, Structure, mixing
+from neuroanimator.state.structure import REVERSED_ABOUT, REVERSED_ALONG, Mirror, Structure
 
 TINY = 1e-12
 """Offset added to squares before dividing by their root, so that bodies at rest are not divided by zero."""
@@ -132,10 +131,8 @@ class ShapeModes(Encoding):
         return self.mirror is not None
 
     @property
-    def odd_controls(self) -> int:
-        if self.mirror is None:
-            return 0
-        return mixing(self.mirror.controls)[1]
+    def control_partners(self) -> tuple[int, ...]:
+        return () if self.mirror is None else self.mirror.controls
 
     @property
     def max_speed(self) -> float:
@@ -204,17 +201,6 @@ class ShapeModes(Encoding):
         positions = [layout.part(modes, "odd_positions"), layout.part(modes, "even_positions")]
         velocities = [layout.part(modes, "odd_velocities"), layout.part(modes, "even_velocities")]
         return xp.concat(positions, axis=-1), xp.concat(velocities, axis=-1)
-
-    def encode_control(self, control: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        """Return (..., C) antisymmetric, then symmetric combinations of left and right controls."""
-        if self.mirror is None or not control.shape[-1]:
-            return control
-        return control @ _like(mixing(self.mirror.controls)[0], control)
-
-    def decode_control(self, latent: Float[AnyArray, "*B C"]) -> Float[AnyArray, "*B C"]:
-        if self.mirror is None or not latent.shape[-1]:
-            return latent
-        return latent @ _like(mixing(self.mirror.controls)[0], latent).mT
 
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B I"]:
         # Block by block: in double precision a dataset would take many times its memory.
@@ -304,7 +290,7 @@ class ShapeModes(Encoding):
     def state_structure(self, latent_segments: tuple[Segment, ...]) -> Structure:
         return Structure((), (), (), cloud=self.cloud)
 
-    def odd_changes(self) -> tuple[bool, ...]:
+    def odd_changes(self, body: Structure) -> tuple[bool, ...]:
         """Return (V,) whether the mirror reverses each number of a change, as in `change_layout`."""
         frame = (*REVERSED_ALONG, *REVERSED_ABOUT, *REVERSED_ALONG, *REVERSED_ABOUT)
         return (*frame, *self._odd_modes())
@@ -315,16 +301,11 @@ class ShapeModes(Encoding):
         Features are those of `feature_layout`, then the direction of gravity, the velocity, the probes'
         features, and the controls.
         """
-        assert self.mirror is not None
-        odd_controls = mixing(self.mirror.controls)[1]
-        controls = tuple(i < odd_controls for i in range(len(self.mirror.controls)))
+        controls = self.odd_muscles()
         activations = controls if self.muscles else ()
-        gravity = REVERSED_ALONG if body.has_gravity else ()
-        probes = (False,) * (PROBE_FEATURES * len(body.probes))
         parameters = (False,) * self.cloud.parameters
         own = (*REVERSED_ABOUT, *self._odd_modes(), *activations, *parameters)
-        local = (*gravity, *REVERSED_ALONG, *probes)
-        return (*own, *local, *controls)
+        return (*own, *odd_local(body), *controls)
 
     def _odd_modes(self) -> tuple[bool, ...]:
         odd = self.odd_positions + self.odd_velocities

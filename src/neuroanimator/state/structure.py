@@ -26,6 +26,9 @@ Probe = tuple[float, float, float, float]
 REVERSED_ALONG = (False, True, False)
 """Entries of a vector that the mirror, which reverses Y, reverses."""
 
+REVERSE_Y = np.array([1.0, -1.0, 1.0])
+"""Factors by which it multiplies a vector, axis by axis."""
+
 REVERSED_ABOUT = (True, False, True)
 """Entries of a rotation vector that the mirror reverses: rotations about X and Z."""
 

@@ -160,15 +160,13 @@ class Policy(eqx.Module):
         waves = amplitudes * jnp.sin(phase + self.tick / 2 - lags) * (normalised[0] + 1) / 2
         middle = jnp.asarray(bounds.middle, jnp.float32)
         half = jnp.asarray(bounds.half, jnp.float32)
-        return middle + half * jnp.tanh(steered + waves + self._idle())
-
-    def _idle(self) -> Float[np.ndarray, " C"] | float:
-        """Return what is added before tanh so that muscles of flesh, which only pull, are nearly idle by themselves; else 0."""
-        if self.emulator.skeleton.shapes is None:
-            return 0.0
-        bounds = self.emulator.bounds
-        share = (bounds.idle - bounds.middle) / bounds.half
-        return np.arctanh(np.clip(share, -NEARLY_IDLE, NEARLY_IDLE))
+        raw = steered + waves
+        if (
+            emulator.skeleton.shapes is not None
+        ):  # muscles of flesh only pull: by themselves they are nearly idle
+            share = (bounds.idle - bounds.middle) / bounds.half
+            raw = raw + np.arctanh(np.clip(share, -NEARLY_IDLE, NEARLY_IDLE))
+        return middle + half * jnp.tanh(raw)
 
     def pose(self, latent: Float[AnyArray, "*B I"]) -> Pose:
         """Return the poses of bodies in the latent states `latent` of `Emulator.encode`."""

@@ -27,8 +27,7 @@ from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.data.store import Transitions
 from neuroanimator.learn.training.config import TrainingConfig
-from neuroanimator.state.body_frame import PROBE_FEATURES, Frame
-from neuroanimator.state.structure import REVERSED_ABOUT, REVERSED_ALONG, SoftSwimmer, mixing
+from neuroanimator.state.body_frame import Frame
 from neuroanimator.systems.system import System
 
 BLOCK_ROWS = 4096
@@ -170,8 +169,7 @@ def _latent_of(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
     """Return the numbers that super steps advance: the state's own, or those of a deformable body's shape modes."""
     system = data.system
     structure = system.structure
-    swimmer = structure.swimmer
-    partners = structure.mirror.controls if swimmer and structure.mirror else ()
+    partners = structure.mirror.controls if structure.swimmer and structure.mirror else ()
     encoding: Encoding = StateEncoding(system.state, partners)
     grouped = None
     if structure.cloud is not None:
@@ -182,28 +180,12 @@ def _latent_of(data: Transitions, config: TrainingConfig, dt: float) -> _Latent:
     frame = Frame.of(structure, dt)
     features = Features.of(structure, size, dt)
     odd_changes = np.full(frame.change_size(size), features.is_odd)
-    if grouped is not None and encoding.is_mirrored:
-        odd_features = grouped.modes.odd_features(system.structure)
+    if encoding.is_mirrored:
+        odd_features = encoding.odd_features(system.structure)
         even = tuple(i for i, is_odd in enumerate(odd_features) if not is_odd)
         features = replace(features, is_odd=True, even=even)
-        odd_changes = np.array(grouped.modes.odd_changes())
-    if partners:
-        assert swimmer is not None
-        features = replace(features, is_odd=True, even=_even_features(swimmer, frame, partners))
-        odd_changes = np.array((*REVERSED_ALONG, *REVERSED_ABOUT, *REVERSED_ALONG, *swimmer.odd))
+        odd_changes = np.array(encoding.odd_changes(system.structure))
     return _Latent(encoding, frame, features, odd_changes, grouped)
-
-
-def _even_features(
-    swimmer: SoftSwimmer, frame: Frame, partners: tuple[int, ...]
-) -> tuple[int, ...]:
-    """Return the raw features that the mirror does not reverse: of the state, then of the frame, then controls."""
-    odd_controls = mixing(partners)[1]
-    muscles = tuple(number < odd_controls for number in range(len(partners)))
-    gravity = REVERSED_ALONG if frame.has_gravity else ()
-    probes = (False,) * (PROBE_FEATURES * len(frame.probes))
-    odd = (*swimmer.odd, *muscles, *gravity, *REVERSED_ALONG, *probes, *muscles)
-    return tuple(number for number, is_odd in enumerate(odd) if not is_odd)
 
 
 def _fit_modes(data: Transitions, config: TrainingConfig) -> GroupedModes:

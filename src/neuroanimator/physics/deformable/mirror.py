@@ -12,14 +12,11 @@ from jaxtyping import Int
 from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.errors import ArgumentError
 from neuroanimator.physics.deformable.body import Body
-from neuroanimator.state.structure import Mirror
+from neuroanimator.state.structure import REVERSE_Y, Mirror
 from neuroanimator.text import listed
 
 TOLERANCE = 1e-9
 """Relative tolerance of differences between left and right, for rounding."""
-
-REVERSE_Y = np.array([1.0, -1.0, 1.0])
-"""Factors by which the mirror multiplies a vector, axis by axis."""
 
 Numbers = dict[str, list[float]]
 """Numbers of each part of a body, by its name."""

@@ -16,7 +16,6 @@ from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.physics.soft.mirror import odd_modes, reflected
-from neuroanimator.physics.soft.program import MuscleMotion
 from neuroanimator.physics.soft.soft_body import Points
 from neuroanimator.physics.soft.soft_scene import Motion, SoftScene
 from neuroanimator.physics.soft.throws import random_roots
@@ -100,9 +99,8 @@ def find_shapes(definition: SoftDefinition | FlexDefinition, scene: SoftScene) -
             if scene.anchor == FREE and first % (THROW * BLOCK) == 0:
                 motion = _thrown(scene, rng, mean, centre, paths[first], motion)
             block = paths[first : first + BLOCK + 1]
-            driven = controls[:, first : first + BLOCK]
-            muscles = MuscleMotion(active.T, np.moveaxis(driven, 0, -1))
-            active = scene.contracted(active, driven, dt)[:, -1]
+            muscles, followed = scene.contracted(active, controls[:, first : first + BLOCK], dt)
+            active = followed[:, -1]
             played = scene.play(motion, block, dt, steps, parameters, muscles)
             positions, velocities = (np.moveaxis(part, -1, 1) for part in played)
             movers = np.moveaxis(block[1:], -1, 1)

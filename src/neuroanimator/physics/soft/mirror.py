@@ -9,13 +9,10 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from neuroanimator.physics.soft.mesh import Mesh
-from neuroanimator.state.structure import Mirror
+from neuroanimator.state.structure import REVERSE_Y, Mirror
 
 NEAR = 1e-5
 """Largest distance of a node from the mirror image of its partner, over the size of the mesh: files round positions."""
-
-REVERSE_Y = np.array([1.0, -1.0, 1.0])
-"""Factors by which the mirror multiplies a vector, axis by axis."""
 
 
 def mirror_of(mesh: Mesh, along: Mapping[str, tuple[float, ...]]) -> Mirror | None:

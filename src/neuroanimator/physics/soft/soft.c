@@ -45,22 +45,30 @@ typedef struct {
 #define COLOURS(starts, colours) for (long colour = 0; colour < colours; colour++) \
     ELEMENTS((starts)[colour], (starts)[colour + 1])
 
+/* The corners of face e, two of its edges, and the mean velocity of its corners. */
+#define FACE \
+    const int i = b->face[3 * e], j = b->face[3 * e + 1], k = b->face[3 * e + 2]; \
+    real right[3], up[3], flow[3], push[3]; \
+    for (int a = 0; a < 3; a++) { \
+        right[a] = AT(x, j, a) - AT(x, i, a); \
+        up[a] = AT(x, k, a) - AT(x, i, a); \
+        flow[a] = (AT(v, i, a) + AT(v, j, a) + AT(v, k, a)) / 3; \
+    }
+#define PUSH_FACE \
+    for (int a = 0; a < 3; a++) { \
+        AT(v, i, a) += h / 3 * b->lightness[i] * push[a]; \
+        AT(v, j, a) += h / 3 * b->lightness[j] * push[a]; \
+        AT(v, k, a) += h / 3 * b->lightness[k] * push[a]; \
+    }
+
 static void add_air(const Body *b, const real *restrict x, real *restrict v, real h) {
     const size_t count = b->nodes;
     COLOURS(b->face_colour, b->face_colours)
-        const int i = b->face[3 * e], j = b->face[3 * e + 1], k = b->face[3 * e + 2];
-        real right[3], up[3], wind[3], push[3];
-        for (int a = 0; a < 3; a++) {
-            right[a] = AT(x, j, a) - AT(x, i, a);
-            up[a] = AT(x, k, a) - AT(x, i, a);
-            wind[a] = b->wind[a * LANES + l] - (AT(v, i, a) + AT(v, j, a) + AT(v, k, a)) / 3;
-        }
+        FACE
+        real wind[3];
+        for (int a = 0; a < 3; a++) wind[a] = b->wind[a * LANES + l] - flow[a];
         air_push(right, up, wind, (real)b->air, (real)b->air_limit, push);
-        for (int a = 0; a < 3; a++) {
-            AT(v, i, a) += h / 3 * b->lightness[i] * push[a];
-            AT(v, j, a) += h / 3 * b->lightness[j] * push[a];
-            AT(v, k, a) += h / 3 * b->lightness[k] * push[a];
-        }
+        PUSH_FACE
     END
 }
 
@@ -69,20 +77,10 @@ static void add_water(const Body *b, const real *restrict x, real *restrict v, r
     const real depth = (real)b->depth;
     const real gravity[3] = {b->gravity[0], b->gravity[1], b->gravity[2]};
     COLOURS(b->face_colour, b->face_colours)
-        const int i = b->face[3 * e], j = b->face[3 * e + 1], k = b->face[3 * e + 2];
-        real right[3], up[3], flow[3], push[3];
-        for (int a = 0; a < 3; a++) {
-            right[a] = AT(x, j, a) - AT(x, i, a);
-            up[a] = AT(x, k, a) - AT(x, i, a);
-            flow[a] = (AT(v, i, a) + AT(v, j, a) + AT(v, k, a)) / 3;
-        }
+        FACE
         const real height = (AT(x, i, 2) + AT(x, j, 2) + AT(x, k, 2)) / 3;
         water_push(right, up, flow, height, (real)b->face_drag, b->surface[l], depth, push);
-        for (int a = 0; a < 3; a++) {
-            AT(v, i, a) += h / 3 * b->lightness[i] * push[a];
-            AT(v, j, a) += h / 3 * b->lightness[j] * push[a];
-            AT(v, k, a) += h / 3 * b->lightness[k] * push[a];
-        }
+        PUSH_FACE
     END
     ELEMENTS(0, b->nodes)
         const real before[3] = READ(v, e);

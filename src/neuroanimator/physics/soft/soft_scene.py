@@ -156,14 +156,15 @@ class SoftScene(abc.ABC):
         activations: Float[np.ndarray, "L M"],
         controls: Float[np.ndarray, "L T M"],
         dt: float,
-    ) -> Float[np.ndarray, "L T M"]:
-        """Return the activations of the muscles after each control, from `activations` on."""
+    ) -> tuple[MuscleMotion, Float[np.ndarray, "L T M"]]:
+        """Return (the muscles' motion from `activations` on, as `play` takes it, the activations after each control)."""
+        motion = MuscleMotion(activations.T, np.moveaxis(controls, 0, -1))
         left = np.exp(-dt / self.time_constant) if self.time_constant else 0.0
         followed = np.empty_like(controls)
         for step in range(controls.shape[1]):
             activations = controls[:, step] + left * (activations - controls[:, step])
             followed[:, step] = activations
-        return followed
+        return motion, followed
 
     def contacts(
         self,

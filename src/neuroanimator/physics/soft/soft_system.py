@@ -22,7 +22,6 @@ from neuroanimator.physics.soft.flex_model import geoms_below
 from neuroanimator.physics.soft.flex_scene import FlexScene
 from neuroanimator.physics.soft.mirror import odd_modes
 from neuroanimator.physics.soft.own_frame import ManyPoints
-from neuroanimator.physics.soft.program import MuscleMotion
 from neuroanimator.physics.soft.scene import Scene
 from neuroanimator.physics.soft.soft_scene import WORLD, Motion
 from neuroanimator.physics.soft.throws import random_roots
@@ -329,8 +328,7 @@ class SoftSystem(System):
         for first in range(0, count, block_size):
             block = paths[first : first + block_size + 1]
             driven = muscles[:, first : first + block_size]
-            pulls = MuscleMotion(active.T, np.moveaxis(driven, 0, -1))
-            followed = self.scene.contracted(active, driven, dt)
+            pulls, followed = self.scene.contracted(active, driven, dt)
             active = followed[:, -1]
             played = self.scene.play(motion, block, dt, substeps, parameters.T, pulls)
             positions, velocities = (np.moveaxis(part, -1, 0) for part in played)
