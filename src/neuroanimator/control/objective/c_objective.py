@@ -39,7 +39,7 @@ from neuroanimator.codegen.kept import (
     load_program,
 )
 from neuroanimator.codegen.program import WIDTH
-from neuroanimator.codegen.trace import Input, trace
+from neuroanimator.codegen.trace import Input, TooLongError, trace
 from neuroanimator.control.objective.objective import (
     CostFunction,
     CostTerm,
@@ -56,6 +56,9 @@ from neuroanimator.state.arrays import AnyArray
 
 CALLER = ("neuroanimator.control.objective", "objective.c")
 """C file that calls the maps of an objective."""
+
+MAX_TEXT = 1_000_000
+"""Maximum length of a program: each 100 kB take a compiler three seconds, and JAX needs fifteen for anything."""
 
 NOISE = 0.1
 """Standard deviation around rest, in every number, of the states at which maps are compared with JAX."""
@@ -322,7 +325,10 @@ class ObjectiveForm:
 
     def write(self) -> CProgram:
         """Return the program of all maps."""
-        return program_of_maps(self.definitions(), sum(self.sizes))
+        program = program_of_maps(self.definitions(), sum(self.sizes))
+        if len(program.text) > MAX_TEXT:
+            raise TooLongError(len(program.text))
+        return program
 
     def refer(self) -> dict[str, MapReference]:
         """Return JAX's reference of each map: at states near rest, their observations, and random controls."""
