@@ -87,7 +87,7 @@ class SoftProgram:
         `surface` is the height of the water's [m], by default infinite. Several lanes are the last axis of all arrays.
         """
         frames = len(movers) - 1
-        tail = (self.lanes,) if self.lanes > 1 else ()
+        tail = positions.shape[2:]
         if wind is None:
             own = np.reshape(self.body.air.wind, (3, *[1] * len(tail)))
             wind = np.broadcast_to(own, (3, *tail))

@@ -291,7 +291,7 @@ class SoftSystem(System):
         substeps: int,
         threads: int,
     ) -> None:
-        lanes = self.scene.lanes
+        lanes = self.scene.lanes if len(states) > 1 else 1
         groups = [
             np.arange(first, first + lanes).clip(max=len(states) - 1)
             for first in range(0, len(states), lanes)
