@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tools.soft_meshes import mirrored_tetrahedra, msh_text, muscle_groups, outward, trout
+from tools.soft_meshes import msh_text, trout_animal
 
 COARSE = (16, 5, 3)
 """Nodes along, up and across."""
@@ -23,9 +23,7 @@ WATER = "face_drag = 300.0\nrighting = 0.004"
 
 def mesh_text(shape: tuple[int, int, int] = COARSE) -> str:
     """Return the Gmsh file of a trout with twelve groups of tetrahedra."""
-    nodes = trout(*shape)
-    tetrahedra = outward(nodes, mirrored_tetrahedra(shape))
-    return msh_text(nodes, tetrahedra, *muscle_groups(nodes, tetrahedra))
+    return msh_text(*trout_animal(shape))
 
 
 def swimmer(folder: Path, water: str = WATER, more: str = "", muscles: str = "") -> Path:

@@ -3,6 +3,7 @@
 python -m tools.contact_sheets                   # films and sheets into out/films and out/sheets
 python -m tools.contact_sheets --only fish leap  # some of them
 python -m tools.contact_sheets images            # the pictures of the README into docs/images
+python -m tools.contact_sheets flesh             # trout and orca of flesh beside their physics into docs/images
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ import numpy as np
 
 import neuroanimator as na
 from benchmarks.harness import IMAGES, ROOT
+from benchmarks.soft_bodies.equal_error import shipped
 from neuroanimator.animation.clip import Clip
-from neuroanimator.animation.motion import default_drive
+from neuroanimator.animation.motion import Drive, default_drive, random_drive
+from neuroanimator.control import Steered
 from neuroanimator.film.options import read_film
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin")
@@ -30,6 +33,12 @@ COLUMNS, ROWS = 3, 4
 LEAP = ROOT / "examples" / "09_leap.py"
 PICTURE = (960, 540)
 """[pixels] Of one image in the README's pictures."""
+FLESH_SECONDS, FLESH_RATE = 4.0, 30
+"""Length of a motion of flesh [s], and pictures a second of its film."""
+FLESH_BEND = 0.35
+"""Pull of the muscles on its left while it turns."""
+FLESH_PICTURE = (640, 400)
+"""[pixels] Of one image of it."""
 
 
 def main() -> None:
@@ -37,7 +46,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", nargs="?", choices=("sheets", "images"), default="sheets")
+    parser.add_argument("what", nargs="?", choices=("sheets", "images", "flesh"), default="sheets")
     parser.add_argument("--only", nargs="+", choices=(*SYSTEMS, "leap"), default=[*SYSTEMS, "leap"])
     parser.add_argument("--size", default="1280x720")
     parser.add_argument("--camera", default="follow")
@@ -45,6 +54,8 @@ def main() -> None:
     options = parser.parse_args()
     if options.what == "images":
         write_images(IMAGES)
+    elif options.what == "flesh":
+        write_flesh(IMAGES)
     else:
         for name in options.only:
             write_sheet(name, options.out, options.size, options.camera)
@@ -76,13 +87,46 @@ def write_sheet(name: str, out: Path, size: str, camera: str) -> None:
 
 
 def clip_of(name: str) -> na.Clip:
-    """Return the default motion of a system, or the leap on the true physics."""
+    """Return the default motion of a system, or a leap on the true physics: the dolphin's, or the `breach` of the orca."""
     if name == "leap":
         with tempfile.TemporaryDirectory() as folder, chdir(folder):
             leap = runpy.run_path(str(LEAP))
         return na.make_clip(leap["emulator"], leap["controller"].outcome.physics_states)
+    if name == "breach":
+        system, emulator = shipped("orca")
+        drive = breach(emulator, system)
+        runs = system.simulate(drive.start[None], drive.controls[None], emulator.dt)
+        return na.make_clip(emulator, runs.states[0])
     emulator = na.load_emulator(name)
     return na.make_clip(emulator, default_drive(emulator).motion(emulator), source="emulator")
+
+
+def breach(emulator: na.Emulator, system: na.System) -> Drive:
+    """Return an orca of flesh that rises from five metres, leaves the water and dives in nose first, corrected on its physics."""
+    depth, seconds, top, entry = 2.0, 4.8, 3.5, 4.3
+    steps = round(seconds / emulator.dt)
+    start = np.array(system.rest)
+    start[2] -= depth
+    gait = system.gait
+    times = np.arange(steps) * emulator.dt
+    bend = np.interp(
+        times, [0.0, 0.5, 1.7, 2.7, top, seconds], [0.0, 0.25, 0.25, 0.0, -0.25, -0.12]
+    )
+    strokes = 0.8 * gait.controls(steps, emulator.dt, emulator.bounds)
+    first = emulator.bounds.clip(strokes + bend[:, None] * np.sign(gait.amplitudes))
+    nose_first = [np.cos(np.radians(38)), 0, -np.sin(np.radians(38))]
+    objective = na.Objective.of(
+        na.effort(0.003),
+        na.smoothness(0.0003),
+        na.stay_upright(system, may_pitch=True),
+        na.reach_height(system, 1.2, within=0.2, at=top),
+        na.reach_heading(system, nose_first, within=0.15, at=entry),
+    )
+    pattern = Steered.of(steps, emulator.dt, gait.period, 8, emulator.bounds)
+    descent = na.DescentOptions(parametrisation=pattern, first=first)
+    options = na.SearchOptions(descent, corrections=6, refinements=0)
+    found = na.synthesise(emulator, system, objective, start, steps=steps, options=options)
+    return Drive(start, np.concatenate([found.controls, 0.5 * strokes[: round(0.7 / emulator.dt)]]))
 
 
 def tile(film: Path, chosen: list[int], columns: int, rows: int, width: int, out: Path) -> None:
@@ -118,6 +162,32 @@ def write_images(folder: Path) -> None:
         film = Path(scratch) / "leap.mp4"
         na.write_video(leap, film, size=PICTURE)
         tile(film, moments_of_leap(leap), 3, 2, 480, folder / "dolphin-leap.jpg")
+
+
+def write_flesh(folder: Path) -> None:
+    """Draw trout and orca under the same controls, in turn by the physics and by the emulator: first, middle, last image."""
+    sheets = []
+    with tempfile.TemporaryDirectory() as scratch:
+        for name in ("trout", "orca"):
+            system, emulator = shipped(name)
+            swum = random_drive(emulator, FLESH_SECONDS, 0)
+            bent = ["_l" in muscle for muscle in emulator.control.names]
+            turned = emulator.bounds.clip(0.6 * swum.controls + FLESH_BEND * np.array(bent))
+            drives = [swum, Drive(swum.start, turned)]
+            if name == "orca":
+                drives.append(breach(emulator, system))
+            for drive in drives:
+                runs = system.simulate(drive.start[None], drive.controls[None], emulator.dt)
+                for states in (runs.states[0], drive.motion(emulator)):
+                    film = Path(scratch) / f"{len(sheets)}.mp4"
+                    na.write_video(na.make_clip(emulator, states), film, size=FLESH_PICTURE)
+                    sheets.append(film.with_suffix(".jpg"))
+                    count = round(FLESH_RATE * (len(states) - 1) * emulator.dt)
+                    tile(film, [0, count // 2, count - 1], 3, 1, 320, sheets[-1])
+        inputs = [word for sheet in sheets for word in ("-i", str(sheet))]
+        stack = ["-filter_complex", f"vstack=inputs={len(sheets)}", "-q:v", "4"]
+        command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-y", *inputs, *stack]
+        subprocess.run([*command, str(folder / "flesh.jpg")], check=True)
 
 
 def pair(names: list[str], scratch: Path, out: Path) -> None:

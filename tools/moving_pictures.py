@@ -4,8 +4,8 @@ python -m tools.moving_pictures       # into docs/images; four minutes
 python -m tools.moving_pictures life  # one of them
 python -m tools.moving_pictures --out pictures
 
-Leap, swing-up and both humans are on the true physics: the springs and the water of the dolphin, MuJoCo's arm and his body, who
-is pushed, or pushed over; his motions are also written as GLB, with pictures of a round of his walk, of getting up, and of
+Leap, swing-up and both humans are on the true physics: flesh and water of the orca, MuJoCo's arm and his body, who is pushed,
+or pushed over; his motions are also written as GLB, with pictures of a round of his walk, of getting up, and of
 him inside the emulator. They need OpenGL (EGL or OSMesa). The shark's is the studio's page, drawn frame by frame in Chromium;
 all of its fish are emulators.
 """
@@ -42,8 +42,8 @@ RATE = 15
 SIZE = (1280, 720)
 """[pixels] What is drawn, before it is cut and made smaller."""
 
-LEAP_SECONDS = (1.6, 4.2)
-"""[s] Of the leap: from the last strokes under water until the dolphin has dived in again."""
+LEAP_SECONDS = (2.2, 5.4)
+"""[s] Of the leap: from the last strokes under water until the orca has dived in again."""
 
 LEAP_CUT = "crop=680:612:280:0,scale=360:-2:flags=lanczos"
 """The film's middle and its sky, made 360 pixels wide."""
@@ -168,7 +168,7 @@ def main() -> None:
 
 
 def leap(folder: Path) -> None:
-    write_loop(part_of(clip_of("leap"), *LEAP_SECONDS), LEAP_CUT, folder / "leap.gif")
+    write_loop(part_of(clip_of("breach"), *LEAP_SECONDS), LEAP_CUT, folder / "leap.gif")
 
 
 def swing(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The meshes of the soft bodies that ship, into the folder given: cape.obj, flag.obj, jelly.msh, trout.msh.
+"""The meshes of the soft bodies that ship, and of the orca, into the folder given: cape.obj, flag.obj and so on.
 
 python -m tools.soft_meshes src/neuroanimator/systems/assets
 """
@@ -9,6 +9,7 @@ import argparse
 from collections.abc import Sequence
 from itertools import permutations
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -63,6 +64,52 @@ bottom and half the width of the flesh."""
 
 MUSCLES = {"front": (0.20, 0.45), "middle": (0.45, 0.68), "back": (0.68, 0.90)}
 """Beginning and end of the trout's bands of muscles, over its length; each has four, left and right, up and down."""
+
+
+ORCA = (50, 13, 5)
+"""Nodes along, across and up."""
+
+ORCA_LENGTH = 6.0
+"""Length of the orca [m]."""
+
+ORCA_FINS = (0.016, 0.007)
+"""Half thickness of the orca's fins at their roots and their tips, over its length."""
+
+ORCA_FORK = 0.055
+"""Depth of the notch in its tail, over its length."""
+
+ORCA_SECTIONS = np.array(
+    [
+        [0.000, 0.020, 0.020, 0.012, -0.034],
+        [0.020, 0.048, 0.048, 0.044, -0.058],
+        [0.060, 0.068, 0.068, 0.066, -0.074],
+        [0.120, 0.082, 0.082, 0.083, -0.086],
+        [0.200, 0.093, 0.093, 0.098, -0.097],
+        [0.235, 0.100, 0.096, 0.102, -0.100],
+        [0.265, 0.150, 0.098, 0.104, -0.102],
+        [0.300, 0.190, 0.099, 0.106, -0.103],
+        [0.325, 0.180, 0.100, 0.107, -0.104],
+        [0.350, 0.115, 0.100, 0.108, -0.104],
+        [0.400, 0.099, 0.099, 0.107, -0.103],
+        [0.500, 0.091, 0.091, 0.100, -0.095],
+        [0.600, 0.074, 0.074, 0.084, -0.080],
+        [0.700, 0.051, 0.051, 0.064, -0.060],
+        [0.800, 0.034, 0.034, 0.047, -0.045],
+        [0.870, 0.028, 0.028, 0.040, -0.040],
+        [0.900, 0.060, 0.026, 0.032, -0.032],
+        [0.940, 0.115, 0.024, 0.020, -0.020],
+        [0.975, 0.145, 0.020, 0.012, -0.012],
+        [1.000, 0.155, 0.020, 0.008, -0.008],
+    ]
+)
+"""Sections of the orca from its nose to its tail, over its length: distance from the nose, half the width with fins and of
+the flesh, top and bottom."""
+
+ORCA_BACK_FIN = np.array([[0.39, 0.0], [0.46, 0.085], [0.485, 0.095], [0.55, 0.0]])
+"""Height of the fin on its back at distances from the nose, over its length."""
+
+ORCA_MUSCLES = {"front": (0.18, 0.40), "middle": (0.40, 0.60), "back": (0.60, 0.80)}
+"""Beginning and end of the orca's bands of muscles, over its length."""
 
 
 def grid_faces(rows: int, columns: int) -> Int[np.ndarray, "F 3"]:
@@ -163,20 +210,91 @@ def mirrored_tetrahedra(shape: tuple[int, int, int]) -> Int[np.ndarray, "T 4"]:
     return np.concatenate([left.ravel()[halves], right.ravel()[halves]])
 
 
-def muscle_groups(
-    positions: Float[np.ndarray, "N 3"], tetrahedra: Int[np.ndarray, "T 4"]
+def orca(along: int, across: int, up: int) -> Float[np.ndarray, "N 3"]:
+    """Return the nodes of an orca, its nose at the origin, that looks along X [m]; its image in the plane Y = 0 is itself."""
+    distance = np.linspace(0, 1, along)
+    columns = ORCA_SECTIONS.T
+    fins, width, top, bottom = (
+        np.interp(distance, columns[0], column)[:, None] for column in columns[1:]
+    )
+    side = np.linspace(-1, 1, across)
+    side = 0.4 * side + 0.6 * np.sin(np.pi / 2 * side)  # closer at the sides, which are round
+    y = fins * side
+    half = (top - bottom) / 2 * np.sqrt(np.clip(1 - (y / width) ** 2, 0, None))
+    half = np.maximum(half, np.interp(np.abs(side), (0.0, 1.0), ORCA_FINS))
+    # Flippers point down and back, the tail has a notch.
+    in_flipper = np.clip(np.abs(y) - width, 0, None) * (distance < 0.5)[:, None]
+    z = (top + bottom) / 2 - 0.6 * in_flipper
+    z = z[:, :, None] + half[:, :, None] * np.linspace(-1, 1, up)
+    in_tail = np.clip((distance - TAIL) / (1 - TAIL), 0, None)[:, None]
+    x = ORCA_FORK * in_tail * (1 - np.abs(side)) ** 1.5 - distance[:, None] - 0.55 * in_flipper
+    x = np.repeat(x[:, :, None], up, axis=2)
+    # The upper nodes in the middle are raised to a fin.
+    fin = np.interp(distance, *ORCA_BACK_FIN.T)
+    for layer, share in ((-1, 1.0), (-2, 0.35)):
+        z[:, across // 2, layer] += share * fin
+        x[:, across // 2, layer] -= 0.4 * share * fin
+    y = np.repeat(y[:, :, None], up, axis=2)
+    return ORCA_LENGTH * np.stack([x, y, z], axis=-1).reshape(-1, 3)
+
+
+def quarters(
+    bands: dict[str, tuple[float, float]],
+    length: float,
+    centres: Float[np.ndarray, "T 3"],
+    middle: float | Float[np.ndarray, " T"] = 0.0,
 ) -> tuple[list[str], Int[np.ndarray, " T"]]:
-    """Return the names of the trout's muscles, and the number of each tetrahedron's from 1; 0 for none."""
-    x, y, z = positions[tetrahedra].mean(axis=1).T
+    """Return the names of muscles in `bands`, each left and right, above and below `middle` [m], and each tetrahedron's.
+
+    Numbers count from 1; 0 is for none.
+    """
+    x, y, z = centres.T
     names = []
-    numbers = np.zeros(len(tetrahedra), int)
-    for band, (first, last) in MUSCLES.items():
-        is_within = (-x >= first * TROUT_LENGTH) & (-x < last * TROUT_LENGTH)
+    numbers = np.zeros(len(centres), int)
+    for band, (first, last) in bands.items():
+        is_within = (-x >= first * length) & (-x < last * length)
         for side, is_left in (("l", y > 0), ("r", y < 0)):
-            for level, is_up in (("u", z > 0), ("d", z <= 0)):
+            for level, is_up in (("u", z > middle), ("d", z <= middle)):
                 names.append(f"{band}_{side}{level}")
                 numbers[is_within & is_left & is_up] = len(names)
     return names, numbers
+
+
+class Animal(NamedTuple):
+    """The mesh of an animal of flesh."""
+
+    nodes: Float[np.ndarray, "N 3"]
+    tetrahedra: Int[np.ndarray, "T 4"]
+    names: list[str]
+    """Names of its muscles."""
+    muscles: Int[np.ndarray, " T"]
+    """Number of the muscle of each tetrahedron, from 1; 0 for none."""
+
+
+def trout_animal(shape: tuple[int, ...]) -> Animal:
+    """Return the trout with so many nodes along, up and across."""
+    along, up, across = shape
+    nodes = trout(along, up, across)
+    tetrahedra = outward(nodes, mirrored_tetrahedra((along, up, across)))
+    grouped = quarters(MUSCLES, TROUT_LENGTH, nodes[tetrahedra].mean(axis=1))
+    return Animal(nodes, tetrahedra, *grouped)
+
+
+def orca_animal(shape: tuple[int, ...]) -> Animal:
+    """Return the orca with so many nodes along, across and up."""
+    along, across, up = shape
+    nodes = orca(along, across, up)
+    grid = np.arange(len(nodes)).reshape(along, across, up).transpose(0, 2, 1).ravel()
+    tetrahedra = outward(nodes, grid[mirrored_tetrahedra((along, up, across))])
+    centres = nodes[tetrahedra].mean(axis=1)
+    distance = -centres[:, 0] / ORCA_LENGTH
+    columns = ORCA_SECTIONS.T
+    width, top, bottom = (
+        ORCA_LENGTH * np.interp(distance, columns[0], column) for column in columns[2:]
+    )
+    names, muscles = quarters(ORCA_MUSCLES, ORCA_LENGTH, centres, (top + bottom) / 2)
+    muscles[np.abs(centres[:, 1]) > width] = 0  # fins
+    return Animal(nodes, tetrahedra, names, muscles)
 
 
 def outward(
@@ -230,10 +348,8 @@ def main() -> None:
     (folder / "flag.obj").write_text(obj_text(flag(*FLAG), grid_faces(*FLAG)))
     nodes = jelly(*JELLY)
     (folder / "jelly.msh").write_text(msh_text(nodes, outward(nodes, grid_tetrahedra(*JELLY))))
-    nodes = trout(*TROUT)
-    tetrahedra = outward(nodes, mirrored_tetrahedra(TROUT))
-    grouped = muscle_groups(nodes, tetrahedra)
-    (folder / "trout.msh").write_text(msh_text(nodes, tetrahedra, *grouped))
+    (folder / "trout.msh").write_text(msh_text(*trout_animal(TROUT)))
+    (folder / "orca.msh").write_text(msh_text(*orca_animal(ORCA)))
 
 
 if __name__ == "__main__":

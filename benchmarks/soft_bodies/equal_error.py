@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 import neuroanimator as na
+from benchmarks.harness import ORCA
 from benchmarks.soft_bodies.families import FAMILIES, Family, resampled
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
@@ -62,11 +63,17 @@ class Test(NamedTuple):
     """Activations at the start and controls of muscles."""
 
 
+def toml_of(name: str) -> Path:
+    """Return the definition of a body that ships, or of the orca among the examples."""
+    return (ORCA if name == ORCA.name else ASSETS) / f"{name}.toml"
+
+
 def shipped(name: str) -> tuple[SoftSystem, na.Emulator]:
-    """Return a body that ships and its emulator."""
-    system = na.load_system(name)
+    """Return a body that ships, or the orca, and its emulator."""
+    is_example = name == ORCA.name
+    system = na.load_system(str(toml_of(name)) if is_example else name)
     assert isinstance(system, SoftSystem)
-    return system, na.load_emulator(name)
+    return system, na.load_emulator(ORCA / "orca.emulator.safetensors" if is_example else name)
 
 
 def unseen(
@@ -262,7 +269,7 @@ def equal_error_rows(name: str, *, by_reference: bool = False) -> tuple[Rows, Ro
     """
     system, emulator = shipped(name)
     test = unseen(system, emulator.dt, by_reference=by_reference)
-    definition = check_table(read_toml(ASSETS / f"{name}.toml"), name, SoftDefinition)
+    definition = check_table(read_toml(toml_of(name)), name, SoftDefinition)
     race = Race(test, emulator)
     add_emulator(race)
     add_physics(race, name, FAMILIES[name], definition)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,16 +15,17 @@ from tools.soft_meshes import (
     CAPE,
     FLAG,
     JELLY,
+    ORCA,
     TROUT,
+    Animal,
     cape,
     flag,
     grid_faces,
     grid_tetrahedra,
     jelly,
-    mirrored_tetrahedra,
-    muscle_groups,
+    orca_animal,
     outward,
-    trout,
+    trout_animal,
 )
 
 Shape = tuple[int, ...]
@@ -36,31 +37,29 @@ class Family(NamedTuple):
 
     shape: Shape
     """Of the mesh that ships."""
-    nodes: Callable[[Shape], Float[np.ndarray, "N 3"]]
+    nodes: Callable[[Shape], Float[np.ndarray, "N 3"] | Animal]
     pins: Callable[[Shape], Int[np.ndarray, " K"]]
     """Returns the nodes that the one mover holds."""
     opponents: tuple[tuple[float, tuple[int, ...]], ...]
     """Share of the nodes along each side, and numbers of small steps a super step, of cheaper physics."""
-
-    groups: Callable[..., Any] | None = None
-    """Returns the names of the muscles, and the number of each tetrahedron's from 1; None without muscles."""
+    across: int | None = None
+    """Side of an animal's grid from left to right, whose middle nodes lie in its plane of symmetry; None for no animal."""
 
     def shape_at(self, share: float) -> Shape:
         """Return the grid of a `share` of the nodes along each side."""
-        shape = tuple(max(3, round(share * count)) for count in self.shape)
-        if self.groups is None:
-            return shape
-        return (*shape[:2], shape[2] | 1)  # odd across, as the middle is a plane of nodes
+        shape = [max(3, round(share * count)) for count in self.shape]
+        if self.across is not None:
+            shape[self.across] |= 1
+        return tuple(shape)
 
     def mesh(self, shape: Shape) -> Mesh:
         """Return the mesh of this grid."""
         nodes = self.nodes(shape)
+        if isinstance(nodes, Animal):
+            groups = tuple(nodes.names)
+            return Mesh(nodes.nodes, nodes.tetrahedra, groups=groups, members=nodes.muscles - 1)
         if len(shape) == 2:
             return Mesh(nodes, grid_faces(*shape))
-        if self.groups is not None:
-            tetrahedra = outward(nodes, mirrored_tetrahedra(shape))
-            names, numbers = self.groups(nodes, tetrahedra)
-            return Mesh(nodes, tetrahedra, groups=tuple(names), members=numbers - 1)
         layers, side, _ = shape
         return Mesh(nodes, outward(nodes, grid_tetrahedra(layers, side)))
 
@@ -109,7 +108,7 @@ FAMILIES = {
     ),
     "trout": Family(
         TROUT,
-        lambda shape: trout(*shape),
+        trout_animal,
         lambda shape: np.zeros(0, int),
         (
             (1.0, (64, 32, 16, 8, 4, 2)),
@@ -117,10 +116,22 @@ FAMILIES = {
             (0.5, (32, 16, 8, 4, 2)),
             (0.35, (16, 8, 4, 2)),
         ),
-        muscle_groups,
+        across=2,
+    ),
+    "orca": Family(
+        ORCA,
+        orca_animal,
+        lambda shape: np.zeros(0, int),
+        (
+            (1.0, (80, 64, 40, 20, 10)),
+            (0.7, (64, 40, 20, 10)),
+            (0.5, (64, 40, 20, 10, 5)),
+            (0.35, (40, 20, 10, 5)),
+        ),
+        across=1,
     ),
 }
-"""Every soft body that ships."""
+"""Every soft body that ships, and the orca."""
 
 
 def resampled(

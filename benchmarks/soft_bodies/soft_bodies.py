@@ -1,6 +1,6 @@
 """Soft bodies of thousands of nodes beside the physics; each part writes soft_bodies_PART.csv.
 
-python -m benchmarks.soft_bodies.soft_bodies equal_error [cape flag jelly trout]  emulators that ship: error and time
+python -m benchmarks.soft_bodies.soft_bodies equal_error [cape flag jelly trout orca]  emulators that ship: error and time
 python -m benchmarks.soft_bodies.soft_bodies flex [cape flag jelly]         the same meshes as flexes of MuJoCo
 python -m benchmarks.soft_bodies.soft_bodies own_flex [cloth jelly]         a user's own flexes; --folder keeps all files
 

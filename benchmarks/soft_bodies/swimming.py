@@ -1,8 +1,9 @@
-"""The trout of flesh beside its physics in unseen swimming: shape, path, speed and turning; rest, and a million super steps.
+"""Animals of flesh beside their physics in unseen swimming: shape, path, speed and turning; rest, and a million super steps.
 
-python -m benchmarks.soft_bodies.swimming
+python -m benchmarks.soft_bodies.swimming             trout and orca
+python -m benchmarks.soft_bodies.swimming trout       one of them
 
-Runs of 10 s by the gait, smooth and held controls that training never saw, after 2 s of them. Errors of nodes are root mean
+Runs of 10 s by gaits, smooth and held controls that training never saw, after 2 s of them. Errors of nodes are root mean
 squares over all nodes in the body's own frame [% of its length], those of the path distances of the centres [% of the way].
 Speeds and turning rates are means over the last 5 s of all runs, by the physics and by the emulator. The policy that ships
 is told to go anywhere at a random speed, level, from rest: heading and speed of the last four periods of ten seconds on the
@@ -18,7 +19,8 @@ import numpy as np
 from jaxtyping import Float
 
 import neuroanimator as na
-from benchmarks.harness import Rows, keep_rows, parser_of, show_rows
+from benchmarks.harness import ORCA, Rows, keep_rows, parser_of, show_rows
+from benchmarks.soft_bodies.equal_error import shipped
 from neuroanimator.control.policies.closed_loop import rollout_on_physics
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.physics.soft.soft_system import SoftSystem
@@ -27,6 +29,8 @@ from neuroanimator.state.pose import read_pose
 RESULTS = Path(__file__).with_name("swimming.csv")
 
 RUNS = 32
+
+NAMES = ("trout", "orca")
 
 LEAD = 62
 """Number of super steps before the emulator begins."""
@@ -39,6 +43,9 @@ SHOWN = (8, 16, 31, 62, 156, STEPS)
 
 SEED = 2**31
 """Seed of the runs, above any of a dataset's."""
+
+DEEP = 2.0
+"""Depth at which policies begin where water has a surface [body lengths]."""
 
 TRIALS = 100
 
@@ -118,15 +125,17 @@ def endurance_rows(system: SoftSystem, emulator: na.Emulator) -> Rows:
     ]
 
 
-def policy_rows(system: SoftSystem) -> Rows:
+def policy_rows(name: str, system: SoftSystem) -> Rows:
     """Return in how many of `TRIALS` a policy told to go anywhere, level, from rest, is there on the physics after 10 s."""
-    policy = na.Policy.load("trout")
+    policy = na.Policy.load(ORCA / "orca.policy.safetensors" if name == ORCA.name else name)
     rng = np.random.default_rng(SEED + 2)
     yaw = rng.uniform(-np.pi, np.pi, TRIALS)
     wanted = np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1)
     speed = policy.ranges.high[0] * rng.uniform(0.4, 0.9, TRIALS)
     target = SteeringTarget(jnp.asarray(wanted, jnp.float32), jnp.asarray(speed, jnp.float32))
     starts = np.repeat(system.rest[None], TRIALS, axis=0)
+    if system.water_surface is not None:
+        starts[:, 2] = system.water_surface - DEEP * system.scene.size
     runs, _ = rollout_on_physics(policy, system, starts, target, STEPS)
     last = round(PERIODS * policy.rhythm.period / policy.dt)
     forward = read_pose(system, runs.states[:, -last:]).forward.mean(axis=1)
@@ -146,16 +155,19 @@ def policy_rows(system: SoftSystem) -> Rows:
 
 
 def main() -> None:
-    options = parser_of(__doc__).parse_args()
-    system = na.load_system("trout")
-    assert isinstance(system, SoftSystem)
-    emulator = na.load_emulator("trout")
-    rows = accuracy_rows(system, emulator) + endurance_rows(system, emulator)
-    rows += policy_rows(system)
+    parser = parser_of(__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=" or ".join(NAMES))
+    options = parser.parse_args()
+    names = options.names or NAMES
+    rows: Rows = []
+    for name in names:
+        system, emulator = shipped(name)
+        found = accuracy_rows(system, emulator) + endurance_rows(system, emulator)
+        rows += [{"system": name} | row for row in [*found, *policy_rows(name, system)]]
     columns = ["what", "nodes_percent", "path_percent", "way_lengths", "emulator", "physics"]
-    whole = [{column: row.get(column, "") for column in columns} for row in rows]
+    whole = [{column: row.get(column, "") for column in ["system", *columns]} for row in rows]
     show_rows(whole)
-    keep_rows(RESULTS, whole, options)
+    keep_rows(RESULTS, whole, options, "system")
 
 
 if __name__ == "__main__":

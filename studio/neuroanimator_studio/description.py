@@ -237,7 +237,7 @@ def describe_surface(skeleton: Skeleton) -> dict[str, Any] | None:
 
     Float32 of `mean` (N, 3) [m] and of `scales` (K,); int16 of `modes` (K, N, 3), in units of their own scale; uint32 of
     `faces` (F, 3). Amplitudes [m] begin at the state entry `first`; `placement` says where the frame of all nodes is, -1
-    where it does not. The `colour` is sRGB.
+    where it does not. The `colour` is sRGB, as are the `colours` of nodes (N, 3), which replace it if they are not None.
     """
     shapes = skeleton.shapes
     if shapes is None:
@@ -251,6 +251,7 @@ def describe_surface(skeleton: Skeleton) -> dict[str, Any] | None:
         "first": shapes.first,
         "placement": asdict(shapes.placement),
         "colour": list(shapes.rgba[:3]),
+        "colours": None if shapes.colours is None else packed(shapes.colours, "<f4"),
     }
 
 
@@ -391,9 +392,10 @@ def target_goal(emulator: Emulator, system: System) -> dict[str, Any]:
     start = np.array(system.rest, float)
     length = system.body_length or body_size(emulator.spec)
     if system.water_surface is not None:
+        first = root_entry(emulator)
         cloud = emulator.state_structure.cloud
-        assert cloud is not None
-        heights = start[2 : 3 * cloud.count : 3]
+        last = 3 * cloud.count if cloud is not None else 3 + (first or 0)
+        heights = start[2 + (first or 0) : last : 3]
         heights += system.water_surface - BENEATH * length - heights.mean()
     position = np.asarray(read_pose(emulator.state_structure, start).position)
     at = position + length * np.array(TARGET_AWAY)

@@ -19,7 +19,7 @@ from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.animation.motion import default_drive, named_start, random_drive
 from neuroanimator.animation.push_out import push_out
 from neuroanimator.appearance.colour import linear_of
-from neuroanimator.appearance.shapes import CLOTH_RGBA
+from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.export.morphs import surface_normals
 from neuroanimator.state.pose import read_pose
 
@@ -67,7 +67,7 @@ def test_states_become_the_same_poses_in_blender(name: str, poses: ModuleType, t
 
 def write_soft_bodies(folder: Path) -> dict[str, np.ndarray]:
     """Write a second of every soft body that ships into `folder`, and return what is to be seen of it."""
-    expected = {"cloth_light": linear_of(CLOTH_RGBA[:3])}
+    expected = {"cloth_light": linear_of(Shapes.rgba[:3])}
     for name in SOFT:
         emulator = na.load_emulator(name)
         states = default_drive(emulator).motion(emulator)[:40]

@@ -21,6 +21,7 @@ from neuroanimator.physics.deformable.mass_spring import strains
 from neuroanimator.physics.deformable.native.compiled import SINGLE_LANES, CTwin, c_twin
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.physics.rigid.warnings import warnings_counted
+from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.systems.random_controls import sample_controls
 from neuroanimator.systems.system import Scheme, System
 
@@ -169,7 +170,7 @@ class BodyPhysics(FastPhysics):
 
 
 class SimulatedPhysics(FastPhysics):
-    """Whatever else there is: a Python function, or a body where nothing compiles C."""
+    """Whatever else there is: a soft body, a Python function, or a body where nothing compiles C."""
 
     def __init__(
         self,
@@ -228,7 +229,9 @@ def fast_physics(
 
 
 def side_by_side(system: System) -> int:
-    """Return how many motions cost no more time than one of them: the lanes of C, or cores."""
+    """Return how many motions cost no more time than one of them: the lanes of C, cores, or both."""
+    if isinstance(system, SoftSystem):
+        return system.scene.lanes * core_count()
     return SINGLE_LANES if isinstance(system, DeformableSystem) else core_count()
 
 

@@ -6,8 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.state.pose import read_heights
 from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.rotation import multiply, rotate
+from neuroanimator.state.segments import Position, first_of_each, moves_freely
 
 FIRST_BEND = 0.02
 """Bend of a swimmer's back to keep its depth, first guess, as a share of the controls' range."""
@@ -47,17 +49,31 @@ UNDER_GROUND = 0.05
 
 
 def swims_under_a_surface(emulator: Emulator) -> bool:
-    """Return whether this is a body of mass points in water with a surface."""
-    is_body = emulator.state_structure.cloud is not None
+    """Return whether this is a body of mass points, or of flesh that moves freely, in water with a surface."""
+    structure = emulator.state_structure
+    is_flesh = emulator.skeleton.shapes is not None and moves_freely(structure.segments)
+    is_body = structure.cloud is not None or is_flesh
     return is_body and emulator.frame.is_immersed and bool(emulator.frame.probes)
 
 
 def dive(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
     """Return `start` of a swimmer, moved below the surface of the water in place."""
-    positions, _ = _points(emulator, start)
-    length = float(np.ptp(positions, axis=0).max())
-    positions[:, 2] += _surface_height(emulator) - DIVE * length - positions[:, 2].mean()
+    entries, length = whole_body(emulator)
+    depth = _surface_height(emulator) - DIVE * length
+    start[entries][2::3] += depth - _height(emulator, start)
     return start
+
+
+def whole_body(emulator: Emulator) -> tuple[slice, float]:
+    """Return (the state entries of positions that move with the whole body, of its mass points or its root; its length [m])."""
+    structure = emulator.state_structure
+    if structure.cloud is not None:
+        points, _ = _points(emulator, emulator.rest)
+        return slice(0, points.size), float(np.ptp(points, axis=0).max())
+    shapes = emulator.skeleton.shapes
+    assert shapes is not None
+    entries = first_of_each(structure.segments)[Position].entries
+    return entries, float(np.ptp(shapes.mean, axis=0).max())
 
 
 def level_swim(
@@ -144,9 +160,8 @@ def _surface_height(emulator: Emulator) -> float:
 
 
 def _height(emulator: Emulator, state: Float[np.ndarray, " S"]) -> float:
-    """Return the mean height of the mass points [m]."""
-    positions, _ = _points(emulator, state)
-    return float(positions[:, 2].mean())
+    """Return the mean height of the mass points, or that of the root [m]."""
+    return float(read_heights(emulator.state_structure, state).mean())
 
 
 def _points(

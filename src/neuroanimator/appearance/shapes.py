@@ -9,19 +9,23 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.appearance.loft import Surface, normals_of
 from neuroanimator.files.atomic import Tensors
 from neuroanimator.state.placement import Placement
 
-CLOTH_RGBA = (0.74, 0.25, 0.21, 1.0)
-"""Red, green, blue (sRGB) and opacity of a cloth, and of a solid that is held."""
+BACK = (0.21, 0.28, 0.31)
+"""Red, green and blue of a solid that moves freely, where it faces up at rest."""
 
-FLESH_RGBA = (0.47, 0.55, 0.53, 1.0)
-"""Those of a solid that moves freely."""
+BELLY = (0.87, 0.88, 0.84)
+"""The same, where it faces down."""
+
+EDGE = 0.4
+"""Vertical component of normals at which back and belly are pure; between them colours are mixed."""
 
 MAX_NODES = 100_000
 """Maximum number of nodes of a surface: it may come from a stranger, and is drawn."""
@@ -45,6 +49,11 @@ TENSORS = ("mean", "modes", "fine_modes", "scales", "faces")
 """Names of the arrays of a file's shapes."""
 
 
+def flesh_colours(shades: Float[np.ndarray, " N"]) -> Float[np.ndarray, "N 3"]:
+    """Return the colours (sRGB) of flesh from its belly, shade 0, to its back, shade 1."""
+    return BELLY + shades[:, None] * np.subtract(BACK, BELLY)
+
+
 @dataclass(frozen=True, eq=False)
 class Shapes:
     """N nodes whose positions a state gives by K amplitudes."""
@@ -59,6 +68,8 @@ class Shapes:
     """State entry of the first amplitude [m, root mean square a node]."""
     placement: Placement
     """State entries of the frame that all nodes move and turn with: the anchor's."""
+    rgba: ClassVar[tuple[float, float, float, float]] = (0.74, 0.25, 0.21, 1.0)
+    """Red, green, blue (sRGB) and opacity of a cloth, and of a solid that is held."""
 
     @cached_property
     def digest(self) -> str:
@@ -74,10 +85,18 @@ class Shapes:
     def __hash__(self) -> int:
         return hash(self.digest)
 
+    @cached_property
+    def shades(self) -> Float[np.ndarray, " N"] | None:
+        """Shade of each node of a solid that moves freely, for `flesh_colours`; others are `rgba` all over."""
+        if self.placement.orientation < 0:
+            return None
+        up = normals_of(Surface(self.mean, self.faces))[:, 2]
+        return np.clip(up / EDGE + 1, 0, 2) / 2
+
     @property
-    def rgba(self) -> tuple[float, float, float, float]:
-        """Red, green, blue (sRGB) and opacity."""
-        return CLOTH_RGBA if self.placement.orientation < 0 else FLESH_RGBA
+    def colours(self) -> Float[np.ndarray, "N 3"] | None:
+        """Red, green and blue (sRGB) of each node that has a shade."""
+        return None if self.shades is None else flesh_colours(self.shades)
 
     @property
     def amplitudes(self) -> slice:

@@ -28,7 +28,7 @@ class Paint(NamedTuple):
 
     name: str
     colour: tuple[float, ...] | None
-    """Red, green and blue (sRGB) and opacity; None for the wet part of a skin, whose points have colours."""
+    """Red, green and blue (sRGB) and opacity; None for a surface, and the wet part of a skin, whose points have colours."""
     is_thin: bool = False
     """Whether it has no inside, so that both sides are visible."""
 
@@ -83,7 +83,11 @@ class SceneBody:
         """The paint of its surface."""
         shapes = self.clip.skeleton.shapes
         assert shapes is not None
-        return THIN_GHOST if self.is_ghost else Paint("cloth", shapes.rgba, is_thin=True)
+        if self.is_ghost:
+            return THIN_GHOST
+        if shapes.shades is None:
+            return Paint("cloth", shapes.rgba, is_thin=True)
+        return Paint("flesh", None, is_thin=True)
 
 
 def bodies_of(clips: Clip | Sequence[Clip], ghost: Clip | None) -> list[SceneBody]:

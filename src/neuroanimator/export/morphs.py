@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.loft import Surface, normals_of
 from neuroanimator.appearance.shapes import Shapes
 
@@ -67,6 +68,8 @@ class Morphs:
     """Distance by which a 1 in a target moves a node at a weight of 1 [m]."""
     normals: Float[np.ndarray, "N 3"]
     """Normals at the nodes, of length 1."""
+    colours: Float[np.ndarray, "N 3"] | None
+    """Red, green and blue (linear) at the nodes; None for one colour."""
     triangles: Int[np.ndarray, "M 3"]
     """Numbers of nodes, counterclockwise from outside."""
     moving: tuple[MorphTarget, ...]
@@ -101,7 +104,8 @@ def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -
     # Blender keeps the angles between these normals and the mesh's own, so they must be the same.
     normals = surface_normals(shapes, points)
     turning, turns = _turning_targets(shapes, states, normals)
-    morphs = Morphs(points, scale, normals, shapes.faces, moving, turning, error)
+    colours = None if shapes.colours is None else linear_of(shapes.colours)
+    morphs = Morphs(points, scale, normals, colours, shapes.faces, moving, turning, error)
     all_weights = np.concatenate([distances / scale, turns], axis=1)
     ends = np.cumsum([len(motion) for motion in motions])[:-1]
     place = shapes.placement

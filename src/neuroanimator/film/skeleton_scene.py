@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple, final
 
 import mujoco
@@ -10,9 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.appearance.part_names import FLOOR, colour_names
-from neuroanimator.appearance.shapes import Shapes
+from neuroanimator.appearance.shapes import Shapes, flesh_colours
 from neuroanimator.appearance.skeleton import Skeleton
-from neuroanimator.appearance.skin import Skin
 from neuroanimator.appearance.skin_mesh import INFLUENCES, SkinMesh, colours_of, skin_mesh
 from neuroanimator.export.ghost import GHOST_GROWTH, GHOST_RGBA
 from neuroanimator.export.morphs import surface_normals
@@ -156,11 +156,16 @@ def _add_skeleton(spec: mujoco.MjSpec, number: int, skeleton: Skeleton, is_ghost
         material = spec.add_material(name=f"{number} skin", specular=0.35, shininess=0.4)
         skin = _add_skin(spec, material, mesh, is_ghost)
         if not is_ghost:
-            _colour(spec, material, skin, skeleton.skin, mesh)
+            _colour(spec, material, skin, partial(colours_of, skeleton.skin), mesh.shades)
     if skeleton.shapes is not None:
         material = spec.add_material(name=f"{number} surface", specular=0.1, shininess=0.2)
-        material.rgba = skeleton.shapes.rgba
-        _add_skin(spec, material, _two_sided(skeleton.shapes), is_ghost)
+        is_flesh = skeleton.shapes.shades is not None
+        if not is_flesh:
+            material.rgba = skeleton.shapes.rgba
+        mesh = _two_sided(skeleton.shapes)
+        skin = _add_skin(spec, material, mesh, is_ghost)
+        if is_flesh and not is_ghost:
+            _colour(spec, material, skin, flesh_colours, mesh.shades)
 
 
 def _add_skin(
@@ -193,13 +198,13 @@ def _colour(
     spec: mujoco.MjSpec,
     material: mujoco.MjsMaterial,
     skin: mujoco.MjsSkin,
-    look: Skin,
-    mesh: SkinMesh,
+    colours_at: Callable[[Float[np.ndarray, " W"]], Float[np.ndarray, "W 3"]],
+    shades: Float[np.ndarray, " V"],
 ) -> None:
-    """Give a skin its colours as a texture."""
+    """Give a skin, whose points have these `shades` from 0 to 1, its colours as a texture."""
     coloured = PALETTE_WIDTH - 1 - 2 * PALETTE_MARGIN
-    shades = np.clip((np.arange(PALETTE_WIDTH) - PALETTE_MARGIN) / coloured, 0, 1)
-    palette = np.round(255 * colours_of(look, shades)).astype(np.uint8)
+    shown = np.clip((np.arange(PALETTE_WIDTH) - PALETTE_MARGIN) / coloured, 0, 1)
+    palette = np.round(255 * colours_at(shown)).astype(np.uint8)
     spec.add_texture(
         name=material.name,
         type=mujoco.mjtTexture.mjTEXTURE_2D,
@@ -209,7 +214,7 @@ def _colour(
         data=palette.ravel().tolist(),
     )
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = material.name
-    across = (PALETTE_MARGIN + mesh.shades * coloured + 0.5) / PALETTE_WIDTH
+    across = (PALETTE_MARGIN + shades * coloured + 0.5) / PALETTE_WIDTH
     skin.texcoord = np.stack([across, np.full_like(across, 0.5)], axis=1).ravel().tolist()
 
 
@@ -223,7 +228,7 @@ def _two_sided(shapes: Shapes) -> SkinMesh:
         triangles=np.concatenate([shapes.faces, back]),
         bones=np.zeros((len(points), INFLUENCES), int),
         weights=np.tile(np.eye(INFLUENCES)[0], (len(points), 1)),
-        shades=np.zeros(len(points)),
+        shades=np.zeros(len(points)) if shapes.shades is None else np.tile(shapes.shades, 2),
         bind_positions=np.zeros((1, 3)),
         bind_orientations=np.eye(4)[:1],
     )

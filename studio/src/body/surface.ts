@@ -16,6 +16,8 @@ export interface Surface {
   readonly placement: Placement;
   readonly nodes: number;
   readonly shapes: number;
+  /** Colours of the nodes (N, 3), sRGB; null if all are alike. */
+  readonly colours: Float32Array<ArrayBuffer> | null;
   /** The box around the nodes at zero amplitudes, in their own frame. */
   readonly box: Box;
 }
@@ -48,7 +50,8 @@ function readSurface(arrays: SurfaceArrays): Surface {
   if (faces.some((node) => node >= nodes)) {
     throw new Error("surface: a face names a node that does not exist");
   }
-  return { mean, modes, scales, faces, first: arrays.first, placement: arrays.placement, nodes, shapes, box: boxOf(mean) };
+  const colours = arrays.colours ? floatsOf(arrays.colours) : null;
+  return { mean, modes, scales, faces, colours, first: arrays.first, placement: arrays.placement, nodes, shapes, box: boxOf(mean) };
 }
 
 /** Pose of a frame: its origin in the world [m], and the quaternion from it to the world. */

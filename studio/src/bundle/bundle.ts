@@ -100,6 +100,8 @@ export interface SurfaceArrays {
   readonly placement: Placement;
   /** sRGB. */
   readonly colour: Vector3;
+  /** Float32 (N, 3): sRGB of the nodes, if they differ. */
+  readonly colours?: string | null;
 }
 
 /** A mover: `size` numbers from `entry` on are its position [m] and, if it turns, heading [rad]; its controls are their rates. */

@@ -13,8 +13,9 @@ import { neutralControl } from "../steering/pilots";
 const MAX_TURN = 1;
 const MAX_CLIMB = 0.8;
 
-/** Sizes of schools to choose from. */
+/** Sizes of schools to choose from: of bones, and of thousands of nodes. */
 const SCHOOLS = [0, 20, 200, 1000] as const;
+const FLESH_SCHOOLS = [0, 20, 100] as const;
 
 /** Number of others who walk around. */
 const WALKERS = 10;
@@ -73,7 +74,7 @@ export function steerPanel(session: Session, goLive: () => void, onTarget: () =>
     turn.row,
     climb.row,
     element("div", "row", [target]),
-    ...(session.facts.surface ? [] : [schoolRow(session)]), // one of flesh swims alone
+    schoolRow(session),
   );
   const life = session.canLive ? lifeRow(session, goLive) : null;
   if (life) {
@@ -140,7 +141,7 @@ export function walkPanel(session: Session, goLive: () => void): Panel | null {
 function schoolRow(session: Session): HTMLElement {
   const select = element("select");
   select.setAttribute("aria-label", "How many swim along");
-  for (const count of SCHOOLS) {
+  for (const count of session.facts.surface ? FLESH_SCHOOLS : SCHOOLS) {
     const option = element("option", "", [count === 0 ? "alone" : `with ${count.toLocaleString("en")} more`]);
     option.value = String(count);
     select.append(option);

@@ -17,6 +17,7 @@ import { makeRoom } from "./room";
 import { makeCrowdView, type CrowdView } from "./crowd";
 import { makeWalkersView, type WalkersView } from "./walkers";
 import { makeFoodView, type FoodView } from "./food";
+import { makeFleshSchool } from "./flesh_school";
 import { makeSchoolView, type SchoolView } from "./school";
 import type { ShadowGround } from "./school_shadows";
 import type { Crowd } from "../steering/crowd";
@@ -275,7 +276,12 @@ export class World {
     this.#food = null;
     this.#paintAsShark(0);
     this.#schooling = school && scale === 1 ? school : null;
-    this.#school = school && makeSchoolView(this.facts, school, this.#shadowGround(), this.#scenery.bodyPatches, scale);
+    const { bodyPatches } = this.#scenery;
+    this.#school =
+      school &&
+      (this.facts.surface
+        ? makeFleshSchool(this.facts, school, this.size, bodyPatches)
+        : makeSchoolView(this.facts, school, this.#shadowGround(), bodyPatches, scale));
     if (this.#school) {
       this.stage.root.add(this.#school.object);
     }

@@ -10,7 +10,8 @@ import pytest
 from conftest import accessor, read_glb
 from soft_bodies import distances, soft_clip, wavy_shapes
 
-from neuroanimator import write_glb
+from neuroanimator import Clip, load_emulator, write_glb
+from neuroanimator.appearance.colour import linear_of
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.export.morphs import TOLERANCE, surface_normals
 from neuroanimator.state.rotation import rotate
@@ -181,3 +182,15 @@ def test_a_surface_that_keeps_its_shape_has_no_targets(shapes: Shapes, tmp_path:
     drawn = Drawn(tmp_path / "a.glb")
     assert "targets" not in drawn.mesh(drawn.surfaces[0])["primitives"][0]
     assert distances(drawn.nodes(drawn.surfaces[0], 3), still).max() < 1e-6
+
+
+def test_flesh_has_the_colours_of_its_nodes_and_its_ghost_has_none(tmp_path: Path):
+    emulator = load_emulator("trout")
+    states = np.repeat(emulator.rest[None], 3, axis=0)
+    clip = Clip("trout", emulator.skeleton, np.arange(3) / 30, states)
+    write_glb(clip, tmp_path / "a.glb", ghost=clip)
+    drawn = Drawn(tmp_path / "a.glb")
+    flesh, ghost = (drawn.mesh(node)["primitives"][0]["attributes"] for node in drawn.surfaces)
+    expected = linear_of(emulator.skeleton.shapes.colours)
+    np.testing.assert_allclose(drawn.array(flesh["COLOR_0"]), expected, atol=1e-6)
+    assert "COLOR_0" not in ghost

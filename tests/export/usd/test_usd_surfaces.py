@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from soft_bodies import distances, soft_clip, wavy_shapes
 
-from neuroanimator import write_usd
+from neuroanimator import Clip, load_emulator, write_usd
+from neuroanimator.appearance.colour import linear_of
 from neuroanimator.export.morphs import TOLERANCE
 
 pxr = pytest.importorskip("pxr")
@@ -46,3 +47,15 @@ def test_a_surface_that_keeps_its_shape_is_written_without_blend_shapes(tmp_path
     write_usd(clip, tmp_path / "a.usda")
     stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
     assert not [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.BlendShape)]
+
+
+def test_flesh_has_the_colours_of_its_nodes(tmp_path: Path):
+    emulator = load_emulator("trout")
+    states = np.repeat(emulator.rest[None], 2, axis=0)
+    write_usd(Clip("trout", emulator.skeleton, np.arange(2) / 30, states), tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(tmp_path / "a.usda"))
+    every = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    assert not UsdValidation.ValidationContext(every).Validate(stage)
+    (mesh,) = [UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    shown = np.array(mesh.GetDisplayColorAttr().Get())
+    np.testing.assert_allclose(shown, linear_of(emulator.skeleton.shapes.colours), atol=1e-5)

@@ -11,6 +11,8 @@ from soft_bodies import hasty_emulator
 from swimmers import MUSCLES, mesh_text, mirrored_states, swimmer
 
 import neuroanimator as na
+from neuroanimator.animation.motion import random_drive
+from neuroanimator.animation.showcase import DIVE
 from neuroanimator.control.policies.policy import fresh_policy
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
@@ -24,6 +26,8 @@ from neuroanimator.scaffold.write_toml import write_definition
 from neuroanimator.state.rotation import rotate
 
 DT = 0.032
+
+ORCA = Path(__file__).parents[3] / "examples" / "orca" / "orca.emulator.safetensors"
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +65,25 @@ def test_muscles_shorten_the_body_and_keep_its_volume(trout):
     volumes = tetrahedron_volumes(tight, body.tetrahedra)
     assert volumes.sum() == pytest.approx(body.volumes.sum(), rel=0.02)
     assert (volumes > 0).all()
+
+
+def test_a_body_alone_moves_as_it_does_among_others(trout):
+    controls = strokes(trout, 8)
+    alone = swum(trout, controls)
+    among = swum(trout, controls, count=3)
+    for states in among:
+        np.testing.assert_allclose(states, alone[0], rtol=1e-9, atol=1e-12)
+
+
+def test_flesh_is_dark_above_light_below_and_alike_on_both_sides(trout):
+    shapes = trout.shapes
+    upper, lower = (int((sign * shapes.mean[:, 2]).argmax()) for sign in (1, -1))
+    assert shapes.shades[upper] == 1
+    assert shapes.shades[lower] == 0
+    on_skin = np.unique(shapes.faces)
+    partners = np.array(trout.scene.mirror.points)
+    np.testing.assert_allclose(shapes.shades[on_skin], shapes.shades[partners[on_skin]], atol=1e-4)
+    assert np.ptp(shapes.colours, axis=0).min() > 0.4
 
 
 def test_activations_follow_their_controls_exactly(trout):
@@ -113,6 +136,15 @@ def test_above_the_surface_it_falls_and_below_it_floats(tmp_path: Path):
     time = 10 * DT
     assert states[0, -1, 2] - 2.0 == pytest.approx(-9.81 / 2 * time**2, rel=0.05)
     assert states[1, -1, 2] == pytest.approx(-2.0, abs=1e-3)
+
+
+def test_an_orca_swims_below_the_surface_and_keeps_its_depth():
+    emulator = na.load_emulator(ORCA)
+    states = random_drive(emulator, 4.0, 0).motion(emulator)
+    length = np.ptp(emulator.skeleton.shapes.mean[:, 0])
+    assert states[0, 2] == pytest.approx(-DIVE * length, rel=1e-3)
+    assert abs(states[-1, 2] - states[0, 2]) < 0.01 * length
+    assert states[-1, 0] - states[0, 0] > length
 
 
 def test_the_mirror_image_of_a_motion_is_a_motion(trout):

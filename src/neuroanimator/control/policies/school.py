@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from neuroanimator.animation.motion import checked_steps
-from neuroanimator.animation.showcase import dive, swims_under_a_surface
+from neuroanimator.animation.showcase import dive, swims_under_a_surface, whole_body
 from neuroanimator.control.policies.behaviours import Behaviour, limit_angles, steer_along
 from neuroanimator.control.policies.closed_loop import rollout_on_emulator
 from neuroanimator.control.policies.policy import Policy, load_policy
@@ -16,7 +16,6 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.zoo import POLICIES
 from neuroanimator.state.pose import Pose, read_pose
-from neuroanimator.state.segments import Position, first_of_each
 
 MAX_SCHOOL = 64
 """Maximum number of bodies in a school: what fits into a film."""
@@ -77,28 +76,18 @@ def school_start(
 ) -> tuple[Float[np.ndarray, "{count} S"], Behaviour]:
     """Return (the initial states of a school of `count` bodies, their behaviour)."""
     emulator = policy.emulator
-    structure = emulator.state_structure
-    cloud = structure.cloud
     middle = np.array(emulator.rest, float)
     is_under_surface = swims_under_a_surface(emulator)
     if is_under_surface:
         middle = dive(emulator, middle)
-    if cloud is None:
-        shapes = emulator.skeleton.shapes
-        assert shapes is not None
-        points = shapes.mean
-        entries = first_of_each(structure.segments)[Position].entries
-    else:
-        entries = slice(0, 3 * cloud.count)
-        points = middle[entries].reshape(-1, 3)
-    length = float(np.ptp(points, axis=0).max())
+    entries, length = whole_body(emulator)
     offsets = length * _grid(count, np.random.default_rng(seed))
     if is_under_surface:
         offsets[:, 2] -= offsets[:, 2].max()
     starts = np.repeat(middle[None], count, axis=0)
     starts[:, entries] += np.tile(offsets, (entries.stop - entries.start) // 3)
     speed = PACE * float(policy.ranges.high[0])
-    places = read_pose(structure, middle).position + offsets
+    places = read_pose(emulator.state_structure, middle).position + offsets
     return starts, cruise(places, length=length, speed=speed)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from neuroanimator.appearance.shape_mesh import shape_mesh
 from neuroanimator.appearance.skeleton import Shape
@@ -29,8 +29,7 @@ def skin_primitives(skin: SkinNode, buffer: Buffer) -> dict[Paint, dict[str, Any
     mesh = skin.mesh
     attributes = _attributes(mesh.points, mesh.normals, buffer)
     if any(paint.colour is None for paint in skin.parts):
-        colours = as_float32(skin.colours)
-        attributes["COLOR_0"] = buffer.add(colours, "VEC3", target=ARRAY_BUFFER)
+        attributes["COLOR_0"] = _colours(skin.colours, buffer)
     attributes |= {
         "JOINTS_0": buffer.add(skin.joints, "VEC4", target=ARRAY_BUFFER),
         "WEIGHTS_0": buffer.add(as_float32(mesh.weights), "VEC4", target=ARRAY_BUFFER),
@@ -41,12 +40,14 @@ def skin_primitives(skin: SkinNode, buffer: Buffer) -> dict[Paint, dict[str, Any
     }
 
 
-def surface_primitive(morphs: Morphs, buffer: Buffer) -> dict[str, Any]:
+def surface_primitive(morphs: Morphs, is_coloured: bool, buffer: Buffer) -> dict[str, Any]:
     """Return the triangles of a surface and its morph targets, in units of its scale, without a material."""
     primitive: dict[str, Any] = {
         "attributes": _attributes(morphs.points / morphs.scale, morphs.normals, buffer),
         "indices": _indices(morphs.triangles, buffer),
     }
+    if is_coloured and morphs.colours is not None:
+        primitive["attributes"]["COLOR_0"] = _colours(morphs.colours, buffer)
     # three.js wants every target to have the same attributes, Assimp wants numbers for each.
     none = np.zeros(morphs.points.shape, np.int8)
     pairs = [(target.whole, none) for target in morphs.moving]
@@ -54,6 +55,11 @@ def surface_primitive(morphs: Morphs, buffer: Buffer) -> dict[str, Any]:
     if pairs:
         primitive["targets"] = [_attributes(*pair, buffer) for pair in pairs]
     return primitive
+
+
+def _colours(colours: Float[np.ndarray, "V 3"], buffer: Buffer) -> int:
+    """Return the accessor of the linear colours of points."""
+    return buffer.add(as_float32(colours), "VEC3", target=ARRAY_BUFFER)
 
 
 def inverse_bind_matrices(skin: SkinNode, buffer: Buffer) -> int:

@@ -187,7 +187,8 @@ class _Scene:
         key = (morphs, body.is_ghost)
         if key not in self._meshes:
             material = self._material(body.surface_paint)
-            primitive = surface_primitive(morphs, self.buffer) | {"material": material}
+            primitive = surface_primitive(morphs, not body.is_ghost, self.buffer)
+            primitive |= {"material": material}
             names = [f"shape {number + 1}" for number in range(len(morphs.moving))]
             names += [f"normals {number + 1}" for number in range(len(morphs.turning))]
             extras = {"targetNames": names, "error": float(f"{morphs.error:.2g}")}

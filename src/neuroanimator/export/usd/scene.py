@@ -199,7 +199,7 @@ class _BodyWriter:
         prim.metadata = [f"prepend apiSchemas = {tokens(apis)}"]
         of_points = f'elementSize = {INFLUENCES}; interpolation = "vertex"'
         prim.properties += [
-            f'color3f[] primvars:displayColor = {array(skin.colours)} (interpolation = "vertex")',
+            _display_colours(skin.colours),
             f"int[] primvars:skel:jointIndices = {array(skin.joints.ravel())} ({of_points})",
             f"float[] primvars:skel:jointWeights = {array(mesh.weights.ravel())} ({of_points})",
             f"matrix4d primvars:skel:geomBindTransform = {IDENTITY}",
@@ -247,6 +247,8 @@ class _BodyWriter:
             f"rel skel:blendShapeTargets = [{targets}]",
             f"rel material:binding = <{self._material(paint)}>",
         ]
+        if paint.colour is None:
+            mesh.properties.append(_display_colours(morphs.colours))
         for name, target in zip(names, morphs.moving, strict=True):
             shape = Prim("BlendShape", name)
             offsets = array(morphs.scale * target.deltas)
@@ -359,6 +361,12 @@ def _boxes(clip: Clip, skin: SkinNode) -> Float[np.ndarray, "F 2 3"]:
     reach = away[mesh.weights > 0].max()
     positions, _ = clip.skeleton.world_poses(clip.states)
     return np.stack([positions.min(axis=1) - reach, positions.max(axis=1) + reach], axis=1)
+
+
+def _display_colours(colours: Float[np.ndarray, "V 3"] | None) -> str:
+    """Return the property of the linear colours of points."""
+    assert colours is not None
+    return f'color3f[] primvars:displayColor = {array(colours)} (interpolation = "vertex")'
 
 
 def _mesh_prim(

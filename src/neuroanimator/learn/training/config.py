@@ -37,6 +37,9 @@ WITH_STOPS: dict[str, Any] = {"widths": (128, 96), "updates": 20_000}
 WITH_MUSCLES: dict[str, Any] = {"widths": (128, 96), "updates": 12_000}
 """Settings for soft bodies with muscles: with the default widths errors are a fifth larger."""
 
+LEAPING: dict[str, Any] = {"widths": (192, 160), "updates": 12_000, "calm": 0.05}
+"""Settings for those that may leave the water: falls and splashes change them ten times as much as a stroke does."""
+
 SOFT: dict[str, Any] = {
     "network": "linear-glu",
     "widths": (256, 256),
@@ -71,7 +74,7 @@ def _suited(structure: Structure) -> dict[str, Any]:
     if structure.shape_contacts is not None:
         return SOFT
     if structure.swimmer is not None:
-        return WITH_MUSCLES
+        return LEAPING if structure.is_immersed else WITH_MUSCLES
     if structure.contacts is None:
         return {}
     return ON_GROUND if structure.contacts.points else WITH_STOPS

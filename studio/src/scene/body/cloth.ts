@@ -27,6 +27,7 @@ import { meanNormals } from "../../body/tangents";
 import { toQuaternion } from "../axes";
 import { patchMaterial, type Patch } from "../glsl";
 import { fittingsGeometry } from "./fittings";
+import { linear } from "./skin";
 
 /** Offset of a cloth's shadow caster, so that it casts none on itself: over its slope, and in the depth map's units. */
 const SHADOW_SLOPE = 8;
@@ -144,6 +145,10 @@ function clothGeometry(surface: Surface, packed: PackedSurface): BufferGeometry 
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(surface.mean, 3));
   geometry.setAttribute("normal", new BufferAttribute(meanNormals(surface), 3));
+  if (surface.colours) {
+    geometry.setAttribute("color", new BufferAttribute(linear(surface.colours.slice()), 3));
+    geometry.setAttribute("rest", new BufferAttribute(surface.mean, 3));
+  }
   geometry.setAttribute("meanAcross", new BufferAttribute(packed.across, 3));
   geometry.setAttribute("meanAlong", new BufferAttribute(packed.along, 3));
   geometry.setIndex(new BufferAttribute(surface.faces, 1));

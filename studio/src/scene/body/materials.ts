@@ -174,7 +174,10 @@ function clothMaterial(colour: Color, size: number, patches: readonly Patch[]): 
 
 /** The material of a soft body's surface, by whether it is closed. */
 export function surfaceMaterial(surface: Surface, colour: Color, size: number, patches: readonly Patch[]): Material {
-  return isClosed(surface) ? jellyMaterial(colour, patches) : clothMaterial(colour, size, patches);
+  if (!isClosed(surface)) {
+    return clothMaterial(colour, size, patches);
+  }
+  return surface.colours ? skinMaterial(size, 0, patches) : jellyMaterial(colour, patches);
 }
 
 /** Jelly or rubber of a colour: smooth, with a coat that shines. */

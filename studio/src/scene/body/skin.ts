@@ -100,7 +100,7 @@ function partNumbers(skin: SkinArrays, indices: Uint32Array, points: number): Fl
 }
 
 /** Linear colours from sRGB, as bundles hold them. */
-function linear(colours: Float32Array<ArrayBuffer>): Float32Array<ArrayBuffer> {
+export function linear(colours: Float32Array<ArrayBuffer>): Float32Array<ArrayBuffer> {
   const colour = new Color();
   for (let i = 0; i < colours.length; i += 3) {
     colour.setRGB(colours[i]!, colours[i + 1]!, colours[i + 2]!, SRGBColorSpace);
