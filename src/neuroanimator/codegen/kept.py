@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from neuroanimator.codegen.compiler import compiled_library, compiler_facts
 from neuroanimator.codegen.program import aligned_zeros
-from neuroanimator.codegen.trace import UnsupportedError
+from neuroanimator.codegen.trace import TooLongError, UnsupportedError
 from neuroanimator.errors import BadFileError, NeuroAnimatorError
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.files.private_folder import kept_folder
@@ -99,7 +99,8 @@ def load_program(
 ) -> LoadedProgram | None:
     """Return the program identified by the facts `about`, made by `make` and passed by `check` once on this machine.
 
-    None without facts, if nothing can be compiled, and for operations without C, which is reported as those of `reported`.
+    None without facts, if nothing can be compiled, and for operations without C and too much of it, which is reported as
+    those of `reported`.
     `refer` returns the reference values, which JAX computes while the compiler works. `check` raises WrongProgramError for a
     program that differs: it is not kept, which is reported once.
     """
@@ -109,7 +110,7 @@ def load_program(
             return _load("\n".join(facts), partial(_made_and_checked, make, refer, check))
     except WrongProgramError as error:
         warn_once(f"{error} JAX is used instead of C.")
-    except UnsupportedError as error:
+    except (UnsupportedError, TooLongError) as error:
         if reported:
             warn_once(f"{reported}: {error} JAX is used instead of C, which is slower.")
     return None

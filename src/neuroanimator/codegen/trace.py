@@ -41,11 +41,11 @@ class UnsupportedError(NeuroAnimatorError):
         super().__init__(f"No code can be generated for the JAX operation '{name}'.")
 
 
-class TooLongError(UnsupportedError):
+class TooLongError(NeuroAnimatorError):
     """A function of so much C that it takes longer to compile than to run without."""
 
     def __init__(self, size: int):
-        NeuroAnimatorError.__init__(self, f"Its C would be {size / 1e6:.1f} MB long.")
+        super().__init__(f"Its C would be {size / 1e6:.1f} MB long.")
 
 
 class Input(NamedTuple):

@@ -332,6 +332,21 @@ def test_a_cost_there_is_no_c_for_is_left_to_jax_and_that_is_said(
     assert "JAX is used instead of C" in line
 
 
+def deepest(trajectory: Trajectory) -> Float[Array, ""]:
+    return jnp.sum(jnp.minimum(trajectory.states[:, 0], -0.125) ** 2)
+
+
+def test_a_cost_of_too_much_c_is_left_to_jax_and_that_is_said(
+    emulator: na.Emulator, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    assert form_of(with_own(emulator, deepest)).write().text
+    monkeypatch.setattr("neuroanimator.control.objective.c_objective.MAX_TEXT", 10)
+    assert c_evaluator(with_own(emulator, deepest)) is None
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "Objective(Effort, deepest): Its C would be" in line
+    assert "JAX is used instead of C" in line
+
+
 class Bent(EachStep):
     """Controls of a user's own."""
 
