@@ -26,6 +26,7 @@ from neuroanimator.animation.clip import Clip
 from neuroanimator.animation.motion import Drive, default_drive, random_drive
 from neuroanimator.control import Steered
 from neuroanimator.film.options import read_film
+from tools.default_motions import leap_costs
 
 SYSTEMS = ("pendulum", "truck", "lander", "fish", "dolphin")
 COLUMNS, ROWS = 3, 4
@@ -114,14 +115,8 @@ def breach(emulator: na.Emulator, system: na.System) -> Drive:
     )
     strokes = 0.8 * gait.controls(steps, emulator.dt, emulator.bounds)
     first = emulator.bounds.clip(strokes + bend[:, None] * np.sign(gait.amplitudes))
-    nose_first = [np.cos(np.radians(38)), 0, -np.sin(np.radians(38))]
-    objective = na.Objective.of(
-        na.effort(0.003),
-        na.smoothness(0.0003),
-        na.stay_upright(system, may_pitch=True),
-        na.reach_height(system, 1.2, within=0.2, at=top),
-        na.reach_heading(system, nose_first, within=0.15, at=entry),
-    )
+    height = na.reach_height(system, 1.2, within=0.2, at=top)
+    objective = na.Objective.of(*leap_costs(system, height, entry, 0.15))
     pattern = Steered.of(steps, emulator.dt, gait.period, 8, emulator.bounds)
     descent = na.DescentOptions(parametrisation=pattern, first=first)
     options = na.SearchOptions(descent, corrections=6, refinements=0)

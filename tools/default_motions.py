@@ -19,6 +19,7 @@ import neuroanimator as na
 from neuroanimator.animation.motion import Drive, random_drive
 from neuroanimator.control import EmulatorPlant, Planner, Spline, Steered, control_plant
 from neuroanimator.control.objective.goals import goal_start
+from neuroanimator.control.objective.objective import CostTerm
 from neuroanimator.control.objective.obstacles import Zone
 from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.files.atomic import write_whole
@@ -51,13 +52,8 @@ def leap(emulator: na.Emulator, system: na.System) -> Drive:
     times = np.arange(steps) * emulator.dt
     bend = np.interp(times, [0.0, 0.858, 2.4, seconds], [0.0, 0.341, 0.0, -0.046])
     strokes = 0.767 * gait.controls(steps, emulator.dt, bounds, tempo=tempo)
-    nose_first = [np.cos(np.radians(38)), 0, -np.sin(np.radians(38))]
     objective = na.Objective.of(
-        na.effort(0.003),
-        na.smoothness(0.0003),
-        na.stay_upright(system, may_pitch=True),
-        na.reach_height(system, 0.803, within=0.1, at=top),
-        na.reach_heading(system, nose_first, within=0.13, at=entry),
+        *leap_costs(system, na.reach_height(system, 0.803, within=0.1, at=top), entry, 0.13),
         na.stay_trusted(emulator, threshold=0.453, weight=313.0),
     )
     options = na.DescentOptions(
@@ -67,6 +63,20 @@ def leap(emulator: na.Emulator, system: na.System) -> Drive:
     found = na.descend(emulator, objective, start, steps=steps, options=options)
     onward = gait.controls(round(0.6 / emulator.dt), emulator.dt, emulator.bounds)
     return Drive(start, emulator.bounds.clip(np.concatenate([found.controls, onward])))
+
+
+def leap_costs(
+    system: na.System, height: CostTerm, entry: float, within: float
+) -> list[CostTerm]:
+    """Return the costs of a leap to a `height`, back up, that dives in nose first, `within` [rad], at the time `entry` [s]."""
+    nose_first = [np.cos(np.radians(38)), 0, -np.sin(np.radians(38))]
+    return [
+        na.effort(0.003),
+        na.smoothness(0.0003),
+        na.stay_upright(system, may_pitch=True),
+        height,
+        na.reach_heading(system, nose_first, within=within, at=entry),
+    ]
 
 
 def swim(emulator: na.Emulator, system: na.System) -> Drive:

@@ -1,6 +1,6 @@
-"""The meshes of the soft bodies that ship, and of the orca, into the folder given: cape.obj, flag.obj and so on.
+"""The meshes of the soft bodies that ship, cape.obj, flag.obj, jelly.msh, trout.msh, and orca.msh of the examples.
 
-python -m tools.soft_meshes src/neuroanimator/systems/assets
+python -m tools.soft_meshes src/neuroanimator/systems/assets examples/orca
 """
 
 from __future__ import annotations
@@ -64,7 +64,6 @@ bottom and half the width of the flesh."""
 
 MUSCLES = {"front": (0.20, 0.45), "middle": (0.45, 0.68), "back": (0.68, 0.90)}
 """Beginning and end of the trout's bands of muscles, over its length; each has four, left and right, up and down."""
-
 
 ORCA = (50, 13, 5)
 """Nodes along, across and up."""
@@ -342,14 +341,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("folder", type=Path)
-    folder = parser.parse_args().folder
+    parser.add_argument("folder", type=Path, help="of those that ship")
+    parser.add_argument("examples", type=Path, help="of the orca")
+    options = parser.parse_args()
+    folder = options.folder
     (folder / "cape.obj").write_text(obj_text(cape(*CAPE), grid_faces(*CAPE)))
     (folder / "flag.obj").write_text(obj_text(flag(*FLAG), grid_faces(*FLAG)))
     nodes = jelly(*JELLY)
     (folder / "jelly.msh").write_text(msh_text(nodes, outward(nodes, grid_tetrahedra(*JELLY))))
     (folder / "trout.msh").write_text(msh_text(*trout_animal(TROUT)))
-    (folder / "orca.msh").write_text(msh_text(*orca_animal(ORCA)))
+    (options.examples / "orca.msh").write_text(msh_text(*orca_animal(ORCA)))
 
 
 if __name__ == "__main__":

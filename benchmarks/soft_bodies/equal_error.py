@@ -63,17 +63,16 @@ class Test(NamedTuple):
     """Activations at the start and controls of muscles."""
 
 
-def toml_of(name: str) -> Path:
-    """Return the definition of a body that ships, or of the orca among the examples."""
-    return (ORCA if name == ORCA.name else ASSETS) / f"{name}.toml"
+def source(name: str, ending: str) -> str:
+    """Return what loads a body: its name if it ships, for the orca its file with this `ending`."""
+    return str(ORCA / f"{name}.{ending}") if name == ORCA.name else name
 
 
 def shipped(name: str) -> tuple[SoftSystem, na.Emulator]:
     """Return a body that ships, or the orca, and its emulator."""
-    is_example = name == ORCA.name
-    system = na.load_system(str(toml_of(name)) if is_example else name)
+    system = na.load_system(source(name, "toml"))
     assert isinstance(system, SoftSystem)
-    return system, na.load_emulator(ORCA / "orca.emulator.safetensors" if is_example else name)
+    return system, na.load_emulator(source(name, "emulator.safetensors"))
 
 
 def unseen(
@@ -269,7 +268,8 @@ def equal_error_rows(name: str, *, by_reference: bool = False) -> tuple[Rows, Ro
     """
     system, emulator = shipped(name)
     test = unseen(system, emulator.dt, by_reference=by_reference)
-    definition = check_table(read_toml(toml_of(name)), name, SoftDefinition)
+    folder = ORCA if name == ORCA.name else ASSETS
+    definition = check_table(read_toml(folder / f"{name}.toml"), name, SoftDefinition)
     race = Race(test, emulator)
     add_emulator(race)
     add_physics(race, name, FAMILIES[name], definition)

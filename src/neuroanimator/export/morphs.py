@@ -104,7 +104,9 @@ def surface_nodes(shapes: Shapes, motions: Sequence[Float[np.ndarray, "_ S"]]) -
     # Blender keeps the angles between these normals and the mesh's own, so they must be the same.
     normals = surface_normals(shapes, points)
     turning, turns = _turning_targets(shapes, states, normals)
-    colours = None if shapes.colours is None else linear_of(shapes.colours)
+    colours = shapes.colours
+    if colours is not None:
+        colours = linear_of(colours)
     morphs = Morphs(points, scale, normals, colours, shapes.faces, moving, turning, error)
     all_weights = np.concatenate([distances / scale, turns], axis=1)
     ends = np.cumsum([len(motion) for motion in motions])[:-1]
