@@ -151,6 +151,7 @@ def test_a_clip_written_is_the_path_that_is_read(tmp_path: Path):
         ("time,x,y,z\n0,0,0,0\n1,0,0,0\n2,0,0,0\n90,0,0,0\n", "nothing between 2 s and 90 s"),
         ("time,x,y,z\n0,0,0,0\n1800,0,0,0\n3601,0,0,0\n", "wanted at most 3600"),
         ("time,x [s],y,z\n0,0,0,0\n1,0,0,0\n", "'x' is in 's'. Convert it to metres"),
+        ("time [m],x,y,z\n0,0,0,0\n1,0,0,0\n", "'time' is in 'm'. Convert it to seconds"),
         ("time,x,x,y,z\n0,0,0,0,0\n1,0,0,0,0\n", "two columns are called 'x'"),
         ("time,x,y,z,qw,qx,qy,qz\n0,0,0,0,0,0,0,0\n1,0,0,0,1,0,0,0\n", "quaternion of zeros"),
         ("", "Columns: none"),

@@ -28,7 +28,7 @@ MAX_SECONDS = 3600.0
 MAX_COORDINATE = 1e6
 """Maximum coordinate [m], angle [rad] or time [s]."""
 
-UNITS = {"m": "metres", "rad": "radians", "1": "plain numbers"}
+UNITS = {"s": "seconds", "m": "metres", "rad": "radians", "1": "plain numbers"}
 """Units of columns, where a header gives any, and their names in messages."""
 
 MAX_GAP = 10.0
