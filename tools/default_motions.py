@@ -65,9 +65,7 @@ def leap(emulator: na.Emulator, system: na.System) -> Drive:
     return Drive(start, emulator.bounds.clip(np.concatenate([found.controls, onward])))
 
 
-def leap_costs(
-    system: na.System, height: CostTerm, entry: float, within: float
-) -> list[CostTerm]:
+def leap_costs(system: na.System, height: CostTerm, entry: float, within: float) -> list[CostTerm]:
     """Return the costs of a leap to a `height`, back up, that dives in nose first, `within` [rad], at the time `entry` [s]."""
     nose_first = [np.cos(np.radians(38)), 0, -np.sin(np.radians(38))]
     return [
