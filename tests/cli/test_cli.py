@@ -191,6 +191,7 @@ def test_info_and_list_and_doctor_answer(cli: Cli):
     assert names[0] == "dolphin"
     assert names[len(SHIPPED_SYSTEMS) - 1] == "cube"  # nothing ships for it
     assert "swims by commands, speed and turn, through dolphin-50" in listed
+    assert "swims by commands, speed and turn, through trout-32" in listed
     assert "video rendered by" in cli("doctor").stdout
 
 

@@ -42,7 +42,12 @@ def run() -> None:
     print_rows(emulator_rows)
     print("\nReady-made policies (Python: load_policy)")
     print_rows(
-        (f"  {system}", f"swims by commands, speed and turn, through {system}-50")
+        (f"  {system}", f"swims by commands, speed and turn, through {_usual(system)}")
         for system in POLICIES
         if shipped_policy(system).is_file()
     )
+
+
+def _usual(system: str) -> str:
+    """Return the name of a system's usual emulator."""
+    return emulator_name(system, SHIPPED_SYSTEMS[system].substeps[0])

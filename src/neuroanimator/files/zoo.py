@@ -78,7 +78,7 @@ LARGE = [(name, system.substeps[0]) for name, system in SHIPPED_SYSTEMS.items() 
 """(system, substeps) of those that also ship in a large size: slower and more accurate."""
 
 POLICIES = tuple(name for name, system in SHIPPED_SYSTEMS.items() if system.has_policy)
-"""Systems with a shipped policy, at 50 substeps."""
+"""Systems with a shipped policy, at the super step of their usual emulator."""
 
 
 def shipped_path(system: str, substeps: int = 50, size: str = "") -> Path:

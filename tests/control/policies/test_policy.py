@@ -241,7 +241,7 @@ def test_a_policy_that_is_not_given_parameters_does_the_same_for_all_and_survive
 def test_shipped_policies_load_and_are_small(name: str):
     assert Policy.load(find_policy(name)).emulator.system == name
     shapes = Policy.load(name).emulator.skeleton.shapes
-    most = 300_000 if shapes is None else 700_000
+    most = 300_000 if shapes is None else 260 * len(shapes.mean)
     assert shipped_policy(name).stat().st_size <= most
 
 
