@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
 
 from neuroanimator.physics.soft.mesh import Mesh
 from neuroanimator.state.structure import REVERSE_Y, Mirror
@@ -20,6 +19,9 @@ def mirror_of(mesh: Mesh, along: Mapping[str, tuple[float, ...]]) -> Mirror | No
 
     Muscles are groups of the mesh, each with the direction along which it shortens.
     """
+    # Imported here, as in `recorded.velocities`: every system's loading would wait for it.
+    from scipy.spatial import cKDTree
+
     muscles = list(along)
     within = NEAR * float(np.ptp(mesh.positions, axis=0).max())
     apart, partners = cKDTree(mesh.positions).query(mesh.positions * REVERSE_Y)
