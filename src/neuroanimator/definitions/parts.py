@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, field_validator
 
 from neuroanimator.files.names import PartName
 from neuroanimator.files.tables import Finite, Positive, Share, Table
+from neuroanimator.state.gait import GAIT_SHARE
 
 MAX_SECONDS = 1e6
 """Maximum duration of a motion to a goal [s]: twelve days, for something slow."""
@@ -116,6 +117,8 @@ class GaitTable(Table):
     period: Positive
     controls: dict[PartName, tuple[Finite, Finite]]
     """Amplitude and lag [rad] of each control; controls not named stay at rest."""
+    share: Share = GAIT_SHARE
+    """Share of training runs that move by the gait; in the others controls are random."""
 
 
 class BodySampling(Table):

@@ -188,7 +188,7 @@ class GroundPlaneTable(Table):
 
 LATER_KEYS = (
     *MeshReading.model_fields,
-    *("parameters", "muscles", "water", "rest_height", "probes", "gait", "sampling"),
+    *("parameters", "muscles", "water", "rest_height", "gait", "sampling"),
 )
 """Keys that definitions did not have at first."""
 
@@ -218,8 +218,6 @@ class SoftDefinition(MeshReading):
     """Water instead of air."""
     rest_height: Finite = 0.0
     """Height added to the mesh in the state of rest [m]: a swimmer rests below the surface."""
-    probes: Annotated[tuple[Vector, ...], Field(max_length=32)] = ()
-    """Positions in the mesh [m] whose height above the water's surface is a feature of an emulator."""
     gait: GaitTable | None = None
     sampling: BodySampling = BodySampling()
     parameters: Parameters = Field(default={})

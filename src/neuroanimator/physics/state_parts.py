@@ -190,4 +190,4 @@ def gait_of(table: GaitTable | None, names: Sequence[str]) -> Gait | None:
     waves = [table.controls.get(name, at_rest) for name in names]
     amplitudes = tuple(amplitude for amplitude, _ in waves)
     lags = tuple(lag for _, lag in waves)
-    return Gait(table.period, amplitudes, lags)
+    return Gait(table.period, amplitudes, lags, table.share)

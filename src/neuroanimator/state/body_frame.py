@@ -46,7 +46,7 @@ from neuroanimator.state.segments import (
     segments_to_json,
 )
 from neuroanimator.state.shape_contacts import ShapeContacts
-from neuroanimator.state.structure import Probe, Structure
+from neuroanimator.state.structure import Probe, ProbeModes, Structure
 
 GRAVITY_FEATURES = 3
 """Number of features of a root's orientation: the direction of gravity."""
@@ -73,6 +73,23 @@ def _probe(row: Any, what: str) -> Probe:
     return x, y, z, radius
 
 
+def _probe_modes(described: Any, segments: tuple[Segment, ...], probes: int) -> ProbeModes:
+    """Return the shapes' displacements of so many `probes` in a file; ValueError unless the state has their amplitudes."""
+    if not probes:
+        raise ValueError("frame: probe modes of no probes")
+    modes = listed(
+        described,
+        "frame: probe modes",
+        lambda axis, what: listed(axis, what, lambda row, what: numbers(row, what, probes)),
+    )
+    rate = first_of_each(segments)[Quaternion].segment.rate
+    room = sum(segment.size for segment in segments) - rate - 3
+    counts = {len(axis) for axis in modes}
+    if rate < 0 or len(modes) != 3 or len(counts) != 1 or not 1 <= counts.pop() <= room // 2:
+        raise ValueError("frame: wanted the displacement of probes along three axes by each shape")
+    return modes
+
+
 class Frame(eqx.Module):
     """The body frame: a state, and its change, without position and heading."""
 
@@ -86,6 +103,8 @@ class Frame(eqx.Module):
     """Whether the direction of gravity matters."""
     is_immersed: bool = eqx.field(static=True, default=False)
     """Whether probes measure the distance to the surface of water, which matters only nearby, instead of to the ground."""
+    probe_modes: ProbeModes = eqx.field(static=True, default=())
+    """How shapes displace the probes of a soft body; empty for a rigid one."""
     cloud: Cloud | None = eqx.field(static=True, default=None)
     """The mass points that define the frame, if the state is theirs."""
     external_forces: tuple[tuple[float, ...], ...] = eqx.field(static=True, default=())
@@ -104,6 +123,7 @@ class Frame(eqx.Module):
             dt=dt,
             has_gravity=structure.has_gravity,
             is_immersed=structure.is_immersed,
+            probe_modes=structure.probe_modes,
             cloud=structure.cloud,
             external_forces=structure.external_forces,
             contacts=structure.contacts,
@@ -112,13 +132,16 @@ class Frame(eqx.Module):
 
     def to_json(self) -> dict[str, Any]:
         """Return the parts that do not follow from the encoding, the time step and the contacts."""
-        return {
+        described = {
             "segments": segments_to_json(self.segments),
             "probes": self.probes,
             "has_gravity": self.has_gravity,
             "is_immersed": self.is_immersed,
             "external_forces": self.external_forces,
         }
+        if self.probe_modes:
+            described["probe_modes"] = self.probe_modes
+        return described
 
     @classmethod
     def from_json(
@@ -142,6 +165,9 @@ class Frame(eqx.Module):
             raise ValueError(f"frame: {len(probes)} probes; wanted at most {MAX_PROBES}")
         if probes and not moves_freely(segments):
             raise ValueError("frame: probes need a root that moves freely")
+        probe_modes = ()
+        if "probe_modes" in described:
+            probe_modes = _probe_modes(described["probe_modes"], segments, len(probes))
         external_forces = listed(
             described["external_forces"],
             "frame: pushes",
@@ -155,6 +181,7 @@ class Frame(eqx.Module):
             dt=dt,
             has_gravity=flag(described["has_gravity"], "frame: weighs"),
             is_immersed=flag(described["is_immersed"], "frame: is_immersed"),
+            probe_modes=probe_modes,
             external_forces=external_forces,
         )
 
@@ -298,7 +325,11 @@ class Frame(eqx.Module):
         angular_velocity = state[..., rate : rate + 3]
         up = upward(state[..., root[Quaternion].entries])
         height = self._heights(state)
-        rising = velocity[..., 2:] + cross(up, angular_velocity) @ self._centres(state)
+        rising = velocity[..., 2:] + self._centres_along(cross(up, angular_velocity), state)
+        if self.probe_modes:
+            shapes = len(self.probe_modes[0])
+            shape_rates = state[..., rate + 3 + shapes : rate + 3 + 2 * shapes]
+            rising = rising + self._displaced_along(up, shape_rates)
         later = height + self.dt * rising
         in_range = _near_surface if self.is_immersed else below_ceiling
         depths = [depth(height, GROUND_SOFTNESS), depth(later, GROUND_SOFTNESS)]
@@ -310,11 +341,28 @@ class Frame(eqx.Module):
         position = state[..., root[Position].entries]
         up = upward(state[..., root[Quaternion].entries])
         radii = state.__array_namespace__().asarray(self.probes, dtype=state.dtype)[:, 3]
-        return position[..., 2:] + up @ self._centres(state) - radii
+        return position[..., 2:] + self._centres_along(up, state) - radii
 
-    def _centres(self, state: Float[AnyArray, "... S"]) -> Float[AnyArray, "3 P"]:
-        """Return the centres of the probes in the body's frame [m], in the array type of `state`."""
-        return state.__array_namespace__().asarray(self.probes, dtype=state.dtype)[:, :3].T
+    def _centres_along(
+        self, direction: Float[AnyArray, "... 3"], state: Float[AnyArray, "... S"]
+    ) -> Float[AnyArray, "... P"]:
+        """Return how far the probes lie along a `direction` in the body's frame [m], displaced by its shapes."""
+        centres = state.__array_namespace__().asarray(self.probes, dtype=state.dtype)[:, :3].T
+        along = direction @ centres
+        if not self.probe_modes:
+            return along
+        first = first_of_each(self.segments)[Quaternion].segment.rate + 3
+        amplitudes = state[..., first : first + len(self.probe_modes[0])]
+        return along + self._displaced_along(direction, amplitudes)
+
+    def _displaced_along(
+        self, direction: Float[AnyArray, "... 3"], amplitudes: Float[AnyArray, "... K"]
+    ) -> Float[AnyArray, "... P"]:
+        """Return the displacement of the probes along a `direction` by shapes of these `amplitudes`, or its rate."""
+        xp = amplitudes.__array_namespace__()
+        dtype = amplitudes.dtype
+        x, y, z = (amplitudes @ xp.asarray(modes, dtype=dtype) for modes in self.probe_modes)
+        return direction[..., :1] * x + direction[..., 1:2] * y + direction[..., 2:] * z
 
     def kept_above_ground(
         self, state: Float[AnyArray, " S"], local_low: Float[AnyArray, " L"]

@@ -16,6 +16,9 @@ MIN_PERIOD = 1e-6
 MAX_PERIOD = 1e6
 """Maximum period in a definition [s]."""
 
+GAIT_SHARE = 0.4
+"""Default share of training runs that move by the gait: faster, slower, weaker, steered."""
+
 MAX_AMPLITUDE = 1e6
 """Maximum amplitude, far beyond the full range, which is 1; also of the lags [rad]."""
 
@@ -30,6 +33,8 @@ class Gait:
     """Amplitude of each control (C,), 1 for its full range; negative ones move oppositely."""
     lags: tuple[float, ...]
     """Phase lag of each control (C,) [rad]."""
+    share: float = GAIT_SHARE
+    """Share of training runs that move by it."""
 
     def controls(
         self, steps: int, dt: float, bounds: Bounds, *, tempo: float = 1.0, strength: float = 1.0
@@ -42,15 +47,17 @@ class Gait:
         return bounds.clip(pattern)
 
     def to_json(self) -> list[Any]:
-        """Return plain lists."""
-        return [self.period, list(self.amplitudes), list(self.lags)]
+        """Return plain lists, without the share if it is the default."""
+        row = [self.period, list(self.amplitudes), list(self.lags)]
+        return row if self.share == GAIT_SHARE else [*row, self.share]
 
     @classmethod
     def from_json(cls, row: Any, controls: int) -> Gait:
         """Return the gait `to_json` wrote; ValueError unless it has that many `controls`."""
-        if not isinstance(row, list) or len(row) != 3:
-            raise ValueError("gait: wanted a period, amplitudes and lags")
+        if not isinstance(row, list) or len(row) not in (3, 4):
+            raise ValueError("gait: wanted a period, amplitudes and lags, and perhaps a share")
         period = number(row[0], "gait: period", MIN_PERIOD, MAX_PERIOD)
         amplitudes = numbers(row[1], "gait: amplitudes", controls, MAX_AMPLITUDE)
         lags = numbers(row[2], "gait: lags", controls, MAX_AMPLITUDE)
-        return cls(period, amplitudes, lags)
+        share = number(row[3], "gait: share", 0.0, 1.0) if len(row) == 4 else GAIT_SHARE
+        return cls(period, amplitudes, lags, share)

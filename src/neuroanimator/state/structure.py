@@ -22,6 +22,9 @@ MAX_MIRRORS = 64
 Probe = tuple[float, float, float, float]
 """Centre [m] in the root's frame and radius [m] of a round part that may touch the ground."""
 
+ProbeModes = tuple[tuple[tuple[float, ...], ...], ...]
+"""Displacement of each of P probes along each axis by a unit of the amplitude of each of K shapes: (3, K, P)."""
+
 
 REVERSED_ALONG = (False, True, False)
 """Entries of a vector that the mirror, which reverses Y, reverses."""
@@ -117,6 +120,7 @@ class Structure:
     `plain`: state entries that are features themselves.
     `segments`: how the state changes, in order; empty for a state of plain numbers.
     `probes`: round parts of the root's body, such as feet, whose height over the ground matters.
+    `probe_modes`: how shapes displace the probes of a soft body, whose amplitudes follow its angular velocity.
     `symmetry_order`: order of the root's rotational symmetry about its own Z axis;
     `symmetry_controls`: pairs of controls that turn with it, as X and Y do.
     `is_odd`: negating state and control negates the motion (mirror symmetry).
@@ -136,6 +140,7 @@ class Structure:
     is_odd: bool = False
     segments: tuple[Segment, ...] = ()
     probes: tuple[Probe, ...] = ()
+    probe_modes: ProbeModes = ()
     symmetry_order: int = 1
     symmetry_controls: Pairs = ()
     cloud: Cloud | None = None

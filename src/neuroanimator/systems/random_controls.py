@@ -39,9 +39,6 @@ MIN_SCALE = 0.2
 MAX_HOLD = 0.6
 """Maximum time for which a control is held [s]."""
 
-GAIT_SHARE = 0.4
-"""Share of runs that move by the system's gait, if it has one: faster, slower, weaker, steered."""
-
 FASTER_THAN_GAIT = 1.25
 """Maximum ratio of the frequency of smooth controls to the gait's."""
 
@@ -87,7 +84,7 @@ def sample_controls(
     rng: np.random.Generator, steps: int, dt: float, bounds: Bounds, gait: Gait | None = None
 ) -> Float[np.ndarray, "T C"]:
     """Return one run's controls within `bounds`, each of the `steps` entries held for `dt` [s]."""
-    if gait is not None and rng.random() < GAIT_SHARE:
+    if gait is not None and rng.random() < gait.share:
         return _steered_gait(rng, steps, dt, bounds, gait)
     draw = rng.random()
     size = len(bounds.half)

@@ -19,6 +19,7 @@ from neuroanimator import (
 from neuroanimator.learn.data.config import MAX_GAP, MAX_UNROLL, RUN_STEPS
 from neuroanimator.learn.data.sampling import with_held_runs
 from neuroanimator.learn.data.shard import make_shard, sample_steps
+from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.random_controls import sample_control_runs, sample_controls
 
@@ -68,6 +69,19 @@ def test_an_emulator_is_driven_by_the_same_random_controls_as_its_system(name: s
     assert own.shape == (20, 40, system.control.size)
     np.testing.assert_array_equal(own, emulator_states)
     assert len(np.unique(own, axis=0)) == 20
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_gait_has_its_share_of_the_runs_and_an_emulator_knows_it(share: float):
+    bounds = Bounds((-1.0,) * 2, (1.0,) * 2)
+    gait = Gait(0.5, (0.5, 0.5), (0.0, np.pi), share)
+    assert Gait.from_json(gait.to_json(), 2) == gait
+    rng = np.random.default_rng(0)
+    by_gait = []
+    for _ in range(400):
+        controls = sample_controls(rng, 60, 0.05, bounds, gait)
+        by_gait.append(np.corrcoef(controls.T)[0, 1] < -0.8)  # half a period apart
+    assert np.mean(by_gait) == pytest.approx(0.75 * share, abs=0.2)
 
 
 def test_a_run_that_diverges_is_dropped_and_counted():

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from soft_bodies import hasty_emulator
-from swimmers import MUSCLES, mesh_text, mirrored_states, swimmer
+from swimmers import MUSCLES, WATER, mesh_text, mirrored_states, swimmer
 
 import neuroanimator as na
 from neuroanimator.animation.motion import random_drive
@@ -23,6 +23,7 @@ from neuroanimator.physics.soft.program import MuscleMotion, SoftProgram
 from neuroanimator.physics.soft.soft_body import tetrahedron_volumes
 from neuroanimator.physics.water import Water, face_forces, wetness
 from neuroanimator.scaffold.write_toml import write_definition
+from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.rotation import rotate
 
 DT = 0.032
@@ -138,6 +139,33 @@ def test_above_the_surface_it_falls_and_below_it_floats(tmp_path: Path):
     assert states[1, -1, 2] == pytest.approx(-2.0, abs=1e-3)
 
 
+def test_probes_show_the_heights_of_nodes_wherever_shapes_move_them(tmp_path: Path):
+    leaper = na.load_system(str(swimmer(tmp_path, f"{WATER}\nsurface = 0.0\ndepth = 0.05")))
+    dt = 0.01
+    frame = Frame.of(leaper.structure, dt)
+    rng = np.random.default_rng(4)
+    states = np.repeat(leaper.rest[None], 5, axis=0)
+    states[:, 3:7] = rng.normal(size=(5, 4))
+    states[:, 3:7] /= np.linalg.norm(states[:, 3:7], axis=1, keepdims=True)
+    states[:, 7:13] = rng.normal(size=(5, 6))
+    states[:, 13 : leaper.activations.start] = 0.05 * rng.normal(
+        size=(5, leaper.activations.start - 13)
+    )
+    probes = np.array(leaper.structure.probes)[:, :3]
+    away = np.linalg.norm(leaper.shapes.mean[:, None] - probes, axis=2)
+    nodes = away.argmin(axis=0)
+    np.testing.assert_allclose(away.min(axis=0), 0, atol=1e-7)
+    assert (np.abs(probes[:, 1]) < 1e-6).all()
+    motion = leaper.motion(states)
+    heights = np.moveaxis(motion.positions + motion.origin, -1, 0)[:, nodes, 2]
+    rising = np.moveaxis(motion.velocities, -1, 0)[:, nodes, 2]
+    count = len(nodes)
+    shown = frame.local(states)[:, -4 * count :]
+    np.testing.assert_allclose(shown[:, :count], heights.clip(-1, 1), atol=1e-6)
+    later = (heights + dt * rising).clip(-1, 1)
+    np.testing.assert_allclose(shown[:, count : 2 * count], later, atol=1e-6)
+
+
 def test_an_orca_swims_below_the_surface_and_keeps_its_depth():
     emulator = na.load_emulator(ORCA)
     states = random_drive(emulator, 4.0, 0).motion(emulator)
@@ -231,6 +259,10 @@ FAULTS = {
     "a direction of no length": (
         {"muscles": "front_lu = [0, 0, 0]"},
         "front_lu has a direction of no length",
+    ),
+    "a body that sinks": (
+        {"water": "face_drag = 300.0\nsurface = 0.0\nbuoyancy = 0.9"},
+        "sinks. Wanted 1, .* with a density of 900 kg/m³ it floats",
     ),
     "a ground": ({"more": "[ground]\nheight = -1.0"}, "swims freely, without movers and ground"),
     "a gait of another muscle": (

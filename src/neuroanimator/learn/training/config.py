@@ -37,7 +37,7 @@ WITH_STOPS: dict[str, Any] = {"widths": (128, 96), "updates": 20_000}
 WITH_MUSCLES: dict[str, Any] = {"widths": (128, 96), "updates": 12_000}
 """Settings for soft bodies with muscles: with the default widths errors are a fifth larger."""
 
-LEAPING: dict[str, Any] = {"widths": (192, 160), "updates": 12_000, "calm": 0.05}
+LEAPING: dict[str, Any] = {"widths": (192, 160), "updates": 12_000, "calm": 0.3}
 """Settings for those that may leave the water: falls and splashes change them ten times as much as a stroke does."""
 
 SOFT: dict[str, Any] = {

@@ -79,6 +79,12 @@ class Scene(SoftScene):
         self.wind = self.body.air.wind
         self.parameters = tuple(self._parameters())
         self.water = self.body.water
+        if self.water is not None and self.water.has_gravity and self.water.buoyancy < 1:
+            buoyancy = self.water.buoyancy
+            raise ArgumentError(
+                f"water.buoyancy: with {buoyancy:g} the body is heavier than its water, and sinks. Wanted 1, or more to rise: "
+                f"with a density of {buoyancy * definition.solid.density:.3g} kg/m³ it floats."
+            )
         if definition.muscles is not None:
             self.muscles = tuple(definition.muscles.along)
             self.time_constant = self.body.time_constant
@@ -94,9 +100,9 @@ class Scene(SoftScene):
         if definition.muscles is None and definition.water is None and not definition.movers:
             raise ArgumentError("movers: wanted at least one, or [muscles].")
         if definition.muscles is None and definition.water is None:
-            if definition.rest_height or definition.probes or definition.gait:
+            if definition.rest_height or definition.gait:
                 raise ArgumentError(
-                    "rest_height, probes and gait: these are for bodies with [muscles]. Leave them out."
+                    "rest_height and gait: these are for bodies with [muscles]. Leave them out."
                 )
             return
         if not definition.is_solid:

@@ -57,6 +57,9 @@ THROW_STEPS = 64
 SWIM_STEPS = 96
 """Number of super steps in a run of a body with muscles: it takes three seconds to come to its speed."""
 
+SLICES = 11
+"""Number of slices across a body near the surface of water, of each of which two nodes are probes."""
+
 MAX_AMPLITUDE = 20.0
 """Amplitude, over the size of the body, at which a motion has diverged."""
 
@@ -187,23 +190,42 @@ class SoftSystem(System):
         odd: tuple[bool, ...] = ()
         if scene.mirror is not None:
             odd = (*REVERSED_ABOUT, *2 * odd_modes(modes, scene.mirror))
-        centre = scene.centre(scene.positions)
         away = self.shapes.mean - self.shapes.mean.mean(axis=0)
         gyration = float(np.sqrt((away**2).sum(axis=1).mean()))
-        probes = tuple(
-            (*np.subtract(place, centre).tolist(), 0.0) for place in scene.definition.probes
-        )
+        probes = self._probes()
+        displaced = np.moveaxis(modes[:, probes], 2, 0).tolist() if probes else []
         return Structure(
             angles=(),
             rates=(),
             plain=(*plain, *range(self.activations.start, self.activations.stop)),
             segments=(*segments, muscles),
-            probes=probes,
+            probes=tuple((*place, 0.0) for place in self.shapes.mean[probes].tolist()),
+            probe_modes=tuple(tuple(map(tuple, axis)) for axis in displaced),
             has_gravity=scene.water.has_gravity,
             is_immersed=scene.water.surface is not None,
             mirror=scene.mirror,
             swimmer=SoftSwimmer(gyration=gyration, odd=odd),
         )
+
+    def _probes(self) -> list[int]:
+        """Return the nodes whose height over the water matters: the highest and the lowest of each slice across the body.
+
+        With a mirror they lie in its plane, so that it leaves them where they are.
+        """
+        scene = self.scene
+        if scene.water is None or scene.water.surface is None:
+            return []
+        nodes = np.arange(len(scene.positions))
+        if scene.mirror is not None:
+            nodes = nodes[np.array(scene.mirror.points) == nodes]
+        along, heights = scene.positions[nodes][:, [0, 2]].T
+        slices = np.floor(SLICES * (along - along.min()) / np.ptp(along)).clip(max=SLICES - 1)
+        probes: set[int] = set()
+        for number in np.unique(slices):
+            alike = nodes[slices == number]
+            of_slice = heights[slices == number]
+            probes |= {int(alike[of_slice.argmax()]), int(alike[of_slice.argmin()])}
+        return sorted(probes)
 
     def _bones(self) -> list[Bone]:
         bones = []
