@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, Field, field_validator, model_serializer
 
 from neuroanimator.files.names import PartName
 from neuroanimator.files.tables import Finite, Positive, Share, Table
@@ -119,6 +120,14 @@ class GaitTable(Table):
     """Amplitude and lag [rad] of each control; controls not named stay at rest."""
     share: Share = GAIT_SHARE
     """Share of training runs that move by the gait; in the others controls are random."""
+
+    @model_serializer(mode="wrap")
+    def _without_usual_share(self, write: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """Return the values without a share that says nothing: older datasets of the same gait are still its data."""
+        values = write(self)
+        if self.share == GAIT_SHARE:
+            del values["share"]
+        return values
 
 
 class BodySampling(Table):

@@ -16,6 +16,7 @@ from neuroanimator import (
     load_system,
     read_transitions,
 )
+from neuroanimator.definitions.parts import GaitTable
 from neuroanimator.learn.data.config import MAX_GAP, MAX_UNROLL, RUN_STEPS
 from neuroanimator.learn.data.sampling import with_held_runs
 from neuroanimator.learn.data.shard import make_shard, sample_steps
@@ -76,12 +77,20 @@ def test_a_gait_has_its_share_of_the_runs_and_an_emulator_knows_it(share: float)
     bounds = Bounds((-1.0,) * 2, (1.0,) * 2)
     gait = Gait(0.5, (0.5, 0.5), (0.0, np.pi), share)
     assert Gait.from_json(gait.to_json(), 2) == gait
+    table = GaitTable(period=0.5, controls={"left": (0.5, 0.0)}, share=share)
+    assert table.model_dump()["share"] == share
     rng = np.random.default_rng(0)
     by_gait = []
     for _ in range(400):
         controls = sample_controls(rng, 60, 0.05, bounds, gait)
         by_gait.append(np.corrcoef(controls.T)[0, 1] < -0.8)  # half a period apart
     assert np.mean(by_gait) == pytest.approx(0.75 * share, abs=0.2)
+
+
+def test_a_usual_share_leaves_definitions_and_with_them_datasets_as_they_were():
+    table = GaitTable(period=0.5, controls={"left": (0.5, 0.0)})
+    assert table.share == 0.4
+    assert table.model_dump(mode="json") == {"period": 0.5, "controls": {"left": [0.5, 0.0]}}
 
 
 def test_a_run_that_diverges_is_dropped_and_counted():
