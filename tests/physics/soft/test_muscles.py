@@ -262,7 +262,7 @@ FAULTS = {
     ),
     "a body that sinks": (
         {"water": "face_drag = 300.0\nsurface = 0.0\nbuoyancy = 0.9"},
-        "sinks. Wanted 1, .* with a density of 900 kg/m³ it floats",
+        "sinks. A density of 900 kg/m³ floats in it: set solid.density = 900 and buoyancy = 1",
     ),
     "a ground": ({"more": "[ground]\nheight = -1.0"}, "swims freely, without movers and ground"),
     "a gait of another muscle": (

@@ -81,9 +81,10 @@ class Scene(SoftScene):
         self.water = self.body.water
         if self.water is not None and self.water.has_gravity and self.water.buoyancy < 1:
             buoyancy = self.water.buoyancy
+            floating = buoyancy * definition.solid.density
             raise ArgumentError(
-                f"water.buoyancy: with {buoyancy:g} the body is heavier than its water, and sinks. Wanted 1, or more to rise: "
-                f"with a density of {buoyancy * definition.solid.density:.3g} kg/m³ it floats."
+                f"water.buoyancy: with {buoyancy:g} the body is heavier than its water, and sinks. A density of {floating:.3g} "
+                f"kg/m³ floats in it: set solid.density = {floating:.3g} and buoyancy = 1."
             )
         if definition.muscles is not None:
             self.muscles = tuple(definition.muscles.along)

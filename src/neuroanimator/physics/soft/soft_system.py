@@ -202,7 +202,7 @@ class SoftSystem(System):
             probes=tuple((*place, 0.0) for place in self.shapes.mean[probes].tolist()),
             probe_modes=tuple(tuple(map(tuple, axis)) for axis in displaced),
             has_gravity=scene.water.has_gravity,
-            is_immersed=scene.water.surface is not None,
+            is_immersed=self.water_surface is not None,
             mirror=scene.mirror,
             swimmer=SoftSwimmer(gyration=gyration, odd=odd),
         )
@@ -213,7 +213,7 @@ class SoftSystem(System):
         With a mirror they lie in its plane, so that it leaves them where they are.
         """
         scene = self.scene
-        if scene.water is None or scene.water.surface is None:
+        if self.water_surface is None:
             return []
         nodes = np.arange(len(scene.positions))
         if scene.mirror is not None:
