@@ -16,7 +16,7 @@ DOCS_STAMP := .venv/.ready-docs
 PAGE := studio/neuroanimator_studio/page/index.html
 PAGE_SOURCES := $(shell find studio -type f -not -path '*/node_modules/*' -not -path 'studio/neuroanimator_studio/*')
 # What takes longest comes first.
-BUNDLES := $(foreach name,human dolphin-50 fish-50 truck-50 lander-50 fishes-50 pendulum-50 pendulum-passive-50 trout-32 cape-40 flag-40 jelly-40 cube,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
+BUNDLES := $(foreach name,human dolphin-50 fish-50 truck-50 lander-50 fishes-50 pendulum-50 pendulum-passive-50 trout-32 orca-64 cape-40 flag-40 jelly-40 cube,studio/neuroanimator_studio/bundles/$(name)/bundle.json)
 
 .PHONY: setup studio demo test numerics page bundles docs wheel wheels blender endurance fuzz lint check bench lock clean
 

@@ -29,9 +29,6 @@ ROOT = Path(__file__).resolve().parents[1]
 HUMAN = ROOT / "examples" / "human"
 """The human's model, motions and policies."""
 
-ORCA = ROOT / "examples" / "orca"
-"""The orca of flesh: its definition and mesh, its emulator and its policy."""
-
 IMAGES = ROOT / "docs" / "images"
 
 PROGRAM = Path(sys.executable).with_name("neuroanimator")

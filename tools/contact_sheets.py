@@ -104,7 +104,7 @@ def clip_of(name: str) -> na.Clip:
 
 def breach(emulator: na.Emulator, system: na.System) -> Drive:
     """Return an orca of flesh that rises from five metres, leaves the water and dives in nose first, corrected on its physics."""
-    depth, seconds, top, entry = 2.0, 4.8, 3.5, 4.3
+    depth, seconds, tempo, top, entry = 2.0, 4.8, 1.25, 3.5, 4.3
     steps = round(seconds / emulator.dt)
     start = np.array(system.rest)
     start[2] -= depth
@@ -113,11 +113,11 @@ def breach(emulator: na.Emulator, system: na.System) -> Drive:
     bend = np.interp(
         times, [0.0, 0.5, 1.7, 2.7, top, seconds], [0.0, 0.25, 0.25, 0.0, -0.25, -0.12]
     )
-    strokes = 0.8 * gait.controls(steps, emulator.dt, emulator.bounds)
+    strokes = 0.8 * gait.controls(steps, emulator.dt, emulator.bounds, tempo=tempo)
     first = emulator.bounds.clip(strokes + bend[:, None] * np.sign(gait.amplitudes))
     height = na.reach_height(system, 1.2, within=0.2, at=top)
     objective = na.Objective.of(*leap_costs(system, height, entry, 0.15))
-    pattern = Steered.of(steps, emulator.dt, gait.period, 8, emulator.bounds)
+    pattern = Steered.of(steps, emulator.dt, gait.period / tempo, 8, emulator.bounds)
     descent = na.DescentOptions(parametrisation=pattern, first=first)
     options = na.SearchOptions(descent, corrections=6, refinements=0)
     found = na.synthesise(emulator, system, objective, start, steps=steps, options=options)

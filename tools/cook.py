@@ -28,6 +28,8 @@ class SoftRecipe:
 
     transitions: int
     updates: int
+    widths: tuple[int, ...] = ()
+    """Units in each layer; the usual ones of such a body if empty."""
     unroll_share: float | None = None
     """See `TrainingConfig`: windows from the first update on are more accurate for cloths, single steps first for solids;
     the usual share of such a body if not given."""
@@ -97,7 +99,8 @@ def cook_soft(
     data = folder / emulator_name(name, substeps)
     generate(config, data)
     own = data.with_name(f"own-{data.name}.emulator.safetensors")
-    settings = {} if recipe.unroll_share is None else {"unroll_share": recipe.unroll_share}
+    told = {"unroll_share": recipe.unroll_share, "widths": recipe.widths}
+    settings = {name: value for name, value in told.items() if value}
     training = TrainingConfig.usual(
         load_system(str(toml)).structure, updates=recipe.updates, **settings
     )

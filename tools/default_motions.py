@@ -154,6 +154,7 @@ MOTIONS = {
     "fish": swim,
     "fishes": swim,
     "trout": swim,
+    "orca": swim,
     "lander": land,
     "pendulum": swing_up,
     "pendulum-passive": swing,

@@ -26,6 +26,7 @@ from benchmarks.following.getting_up import fallen_and_risen
 from benchmarks.harness import HUMAN, IMAGES, PROGRAM, ROOT
 from tools.contact_sheets import clip_of, tile
 
+sys.path.insert(0, str(ROOT / "tests"))
 sys.path.insert(0, str(ROOT / "tests" / "studio"))
 from chromium import STEPPED, browsing, hosting, looking
 

@@ -1,6 +1,6 @@
-"""The meshes of the soft bodies that ship, cape.obj, flag.obj, jelly.msh, trout.msh, and orca.msh of the examples.
+"""The meshes of the soft bodies that ship: cape.obj, flag.obj, jelly.msh, trout.msh and orca.msh.
 
-python -m tools.soft_meshes src/neuroanimator/systems/assets examples/orca
+python -m tools.soft_meshes src/neuroanimator/systems/assets
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ ORCA_SECTIONS = np.array(
         [0.235, 0.100, 0.096, 0.102, -0.100],
         [0.265, 0.150, 0.098, 0.104, -0.102],
         [0.300, 0.190, 0.099, 0.106, -0.103],
-        [0.325, 0.180, 0.100, 0.107, -0.104],
-        [0.350, 0.115, 0.100, 0.108, -0.104],
+        [0.325, 0.185, 0.100, 0.107, -0.104],
+        [0.370, 0.110, 0.100, 0.108, -0.104],
         [0.400, 0.099, 0.099, 0.107, -0.103],
         [0.500, 0.091, 0.091, 0.100, -0.095],
         [0.600, 0.074, 0.074, 0.084, -0.080],
@@ -226,7 +226,7 @@ def orca(along: int, across: int, up: int) -> Float[np.ndarray, "N 3"]:
     z = (top + bottom) / 2 - 0.6 * in_flipper
     z = z[:, :, None] + half[:, :, None] * np.linspace(-1, 1, up)
     in_tail = np.clip((distance - TAIL) / (1 - TAIL), 0, None)[:, None]
-    x = ORCA_FORK * in_tail * (1 - np.abs(side)) ** 1.5 - distance[:, None] - 0.55 * in_flipper
+    x = ORCA_FORK * in_tail * (1 - np.abs(side)) ** 1.5 - distance[:, None] - 0.3 * in_flipper
     x = np.repeat(x[:, :, None], up, axis=2)
     # The upper nodes in the middle are raised to a fin.
     fin = np.interp(distance, *ORCA_BACK_FIN.T)
@@ -342,15 +342,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folder", type=Path, help="of those that ship")
-    parser.add_argument("examples", type=Path, help="of the orca")
-    options = parser.parse_args()
-    folder = options.folder
+    folder = parser.parse_args().folder
     (folder / "cape.obj").write_text(obj_text(cape(*CAPE), grid_faces(*CAPE)))
     (folder / "flag.obj").write_text(obj_text(flag(*FLAG), grid_faces(*FLAG)))
     nodes = jelly(*JELLY)
     (folder / "jelly.msh").write_text(msh_text(nodes, outward(nodes, grid_tetrahedra(*JELLY))))
     (folder / "trout.msh").write_text(msh_text(*trout_animal(TROUT)))
-    (options.examples / "orca.msh").write_text(msh_text(*orca_animal(ORCA)))
+    (folder / "orca.msh").write_text(msh_text(*orca_animal(ORCA)))
 
 
 if __name__ == "__main__":

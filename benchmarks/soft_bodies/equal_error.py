@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 import neuroanimator as na
-from benchmarks.harness import ORCA
 from benchmarks.soft_bodies.families import FAMILIES, Family, resampled
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError
@@ -63,16 +62,11 @@ class Test(NamedTuple):
     """Activations at the start and controls of muscles."""
 
 
-def source(name: str, ending: str) -> str:
-    """Return what loads a body: its name if it ships, for the orca its file with this `ending`."""
-    return str(ORCA / f"{name}.{ending}") if name == ORCA.name else name
-
-
 def shipped(name: str) -> tuple[SoftSystem, na.Emulator]:
-    """Return a body that ships, or the orca, and its emulator."""
-    system = na.load_system(source(name, "toml"))
+    """Return a body that ships and its emulator."""
+    system = na.load_system(name)
     assert isinstance(system, SoftSystem)
-    return system, na.load_emulator(source(name, "emulator.safetensors"))
+    return system, na.load_emulator(name)
 
 
 def unseen(
@@ -266,13 +260,23 @@ def equal_error_rows(name: str, *, by_reference: bool = False) -> tuple[Rows, Ro
 
     Errors are from the teacher's physics, or `by_reference` from finer steps.
     """
-    system, emulator = shipped(name)
+    return raced(name, *shipped(name), FAMILIES[name], by_reference=by_reference)
+
+
+def raced(
+    name: str,
+    system: SoftSystem,
+    emulator: na.Emulator,
+    family: Family,
+    *,
+    by_reference: bool = False,
+) -> tuple[Rows, Rows]:
+    """Return the rows of `equal_error_rows` for an emulator of the body `name` in a mesh of this family."""
     test = unseen(system, emulator.dt, by_reference=by_reference)
-    folder = ORCA if name == ORCA.name else ASSETS
-    definition = check_table(read_toml(folder / f"{name}.toml"), name, SoftDefinition)
+    definition = check_table(read_toml(ASSETS / f"{name}.toml"), name, SoftDefinition)
     race = Race(test, emulator)
     add_emulator(race)
-    add_physics(race, name, FAMILIES[name], definition)
+    add_physics(race, name, family, definition)
     rows = race.timed()
     columns = ["body", "what"]
     columns += [key for key in rows[0] if key != "what"]

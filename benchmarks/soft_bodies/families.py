@@ -131,7 +131,7 @@ FAMILIES = {
         across=1,
     ),
 }
-"""Every soft body that ships, and the orca."""
+"""Every soft body that ships."""
 
 
 def resampled(

@@ -80,13 +80,18 @@ def made(name: str, folder: Path, extent: Extent) -> tuple[Path, na.Emulator]:
     if not toml.exists():
         shutil.copy(MODELS / f"{name}.xml", folder)
         write_definition(str(folder / f"{name}.xml"), toml)
+    return toml, learnt(toml, extent)
+
+
+def learnt(toml: Path, extent: Extent) -> na.Emulator:
+    """Return the emulator that is trained by a definition, beside which all its files lie."""
     trust_files(toml)
     system, definition, substeps = resolve(str(toml))
-    data = folder / f"{name}.data"
+    data = toml.with_suffix(".data")
     na.generate(DatasetConfig.usual(system, definition, substeps, count=extent.count), data)
     transitions = na.read_transitions(data)
     settings = TrainingConfig.usual(transitions.system.structure, updates=extent.updates)
-    return toml, na.train(transitions, settings, out_of(name, folder))
+    return na.train(transitions, settings, out_of(toml.stem, toml.parent))
 
 
 def out_of(name: str, folder: Path) -> Path:

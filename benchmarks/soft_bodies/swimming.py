@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 import neuroanimator as na
 from benchmarks.harness import Rows, keep_rows, parser_of, show_rows
-from benchmarks.soft_bodies.equal_error import shipped, source
+from benchmarks.soft_bodies.equal_error import shipped
 from neuroanimator.control.policies.closed_loop import rollout_on_physics
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.physics.soft.soft_system import SoftSystem
@@ -127,7 +127,7 @@ def endurance_rows(system: SoftSystem, emulator: na.Emulator) -> Rows:
 
 def policy_rows(name: str, system: SoftSystem) -> Rows:
     """Return in how many of `TRIALS` a policy told to go anywhere, level, from rest, is there on the physics after 10 s."""
-    policy = na.Policy.load(source(name, "policy.safetensors"))
+    policy = na.Policy.load(name)
     rng = np.random.default_rng(SEED + 2)
     yaw = rng.uniform(-np.pi, np.pi, TRIALS)
     wanted = np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1)

@@ -79,7 +79,7 @@ def test_only_swimmers_are_in_water_and_all_others_stand_on_the_ground(name: str
     model = SkeletonScene(take, shots, system).model
     fog = model.vis.rgba.fog[:3]
     is_blue = fog[2] > 1.3 * fog[0]
-    assert is_blue == (name in ("fish", "fishes", "trout", "dolphin"))
+    assert is_blue == (name in ("fish", "fishes", "trout", "orca", "dolphin"))
     (floor,) = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)
     depth = bounding_boxes(take.clips).low[:, 2].min() - model.geom_pos[floor, 2]
     assert is_blue or depth < 0.1 * shots.size

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -16,6 +17,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from neuroanimator.animation.showcase import swims_under_a_surface, whole_body
 from neuroanimator.control.policies.policy import (
     COMMAND,
     Policy,
@@ -94,6 +96,11 @@ class PolicyTraining:
     """Number of super steps through which gradients are back-propagated."""
     starts: int = 1024
     """Number of random states of the true physics from which bodies start."""
+    deeper: float = 3.0
+    """Maximum depth added to the start of a body that lives under a surface [body lengths].
+
+    Near it a body is steered otherwise than below, which its policy cannot see.
+    """
     learning_rate: float = 1e-3
     weights: LossWeights = field(default_factory=LossWeights)
     observes_parameters: bool = True
@@ -104,6 +111,8 @@ class PolicyTraining:
         for name, least in (("updates", 1), ("batch", 1), ("steps", 1), ("starts", 8)):
             if getattr(self, name) < least:
                 raise ArgumentError(f"{name}: wanted at least {least}, got {getattr(self, name)}.")
+        if not 0 <= self.deeper < math.inf:
+            raise ArgumentError(f"deeper: wanted 0 or more, got {self.deeper:g}.")
         if not 0 < self.learning_rate < 1:
             raise ArgumentError(
                 f"learning_rate: wanted a number between 0 and 1, got {self.learning_rate:g}."
@@ -176,7 +185,7 @@ class _Run:
             training.seed,
             observes_parameters=training.observes_parameters,
         )
-        states = sample_starts(system, rng, training.starts)
+        states = draw_starts(emulator, system, training, rng)
         starts = np.asarray(emulator.encode(states), np.float32)
         set_aside, pool = np.split(starts, [round(VALIDATION_SHARE * len(starts))])
         pool = as_jax(pool)
@@ -218,6 +227,18 @@ class _Run:
         write_checkpoint(self.folder, self.identity, self.progress)
         append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
         return report
+
+
+def draw_starts(
+    emulator: Emulator, system: System, training: PolicyTraining, rng: np.random.Generator
+) -> Float[np.ndarray, "P S"]:
+    """Return random states from which bodies start, at all depths of a water that has a surface."""
+    states = sample_starts(system, rng, training.starts)
+    if swims_under_a_surface(emulator):
+        entries, length = whole_body(emulator)
+        lowered = length * rng.uniform(0, training.deeper, (len(states), 1))
+        states[:, entries][:, 2::3] -= lowered
+    return states
 
 
 def _fresh_progress(

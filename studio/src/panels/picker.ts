@@ -5,7 +5,7 @@ import { nameOf } from "../bundle/bundle";
 import { element } from "../page/dom";
 
 /** Numbers of physics steps in a super step of the shipped emulators. */
-const USUAL = [50, 40, 32];
+const USUAL = [50, 40, 32, 64];
 
 export class Picker {
   readonly element = element("nav", "picker");

@@ -38,7 +38,7 @@ def test_a_school_is_written_and_what_it_cannot_be_is_refused(cli: Cli, tmp_path
     for arguments, message in (
         (
             ["lander", "--school", "3"],
-            "no policy of lander ships. Systems with one: dolphin, fish, trout.",
+            "no policy of lander ships. Systems with one: dolphin, fish, trout, orca.",
         ),
         (["fish", "--school", "65"], "wanted 1 to 64 bodies, got 65"),
         (

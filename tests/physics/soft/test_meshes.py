@@ -101,3 +101,14 @@ def test_a_tetrahedron_that_is_inside_out_is_refused():
     tetrahedra[2] = tetrahedra[2][[1, 0, 2, 3]]
     with pytest.raises(NeuroAnimatorError, match="inside out, unlike others: tetrahedra 2"):
         solid_body(Mesh(positions, tetrahedra), SolidTable(), NO_PINS)
+
+
+def test_tetrahedra_that_overlap_are_refused():
+    """As at the root of a fin that is swept back further than its rows are apart."""
+    positions = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.3, 0.3, 0.5]], float)
+    tetrahedra = np.array([[0, 1, 2, 3], [0, 1, 2, 4]])
+    with pytest.raises(NeuroAnimatorError, match="so that they overlap: tetrahedra 0, 1"):
+        solid_body(Mesh(positions, tetrahedra), SolidTable(), NO_PINS)
+    positions[4, 2] = -0.5
+    tetrahedra[1] = [1, 0, 2, 4]
+    assert len(solid_body(Mesh(positions, tetrahedra), SolidTable(), NO_PINS).faces) == 6

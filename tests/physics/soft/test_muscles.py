@@ -28,8 +28,6 @@ from neuroanimator.state.rotation import rotate
 
 DT = 0.032
 
-ORCA = Path(__file__).parents[3] / "examples" / "orca" / "orca.emulator.safetensors"
-
 
 @pytest.fixture(scope="module")
 def trout(tmp_path_factory: pytest.TempPathFactory):
@@ -167,7 +165,7 @@ def test_probes_show_the_heights_of_nodes_wherever_shapes_move_them(tmp_path: Pa
 
 
 def test_an_orca_swims_below_the_surface_and_keeps_its_depth():
-    emulator = na.load_emulator(ORCA)
+    emulator = na.load_emulator("orca")
     states = random_drive(emulator, 4.0, 0).motion(emulator)
     length = np.ptp(emulator.skeleton.shapes.mean[:, 0])
     assert states[0, 2] == pytest.approx(-DIVE * length, rel=1e-3)

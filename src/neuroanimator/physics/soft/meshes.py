@@ -80,7 +80,7 @@ def solid_body(
     return SoftBody(
         mesh.positions,
         _masses(mesh, material.density * volumes),
-        _surface(tetrahedra),
+        _surface(mesh),
         edges,
         stiffness,
         material.damping * stiffness,
@@ -168,16 +168,29 @@ def _check_sides(mesh: Mesh, sides: Int[np.ndarray, "M 2"], places: Int[np.ndarr
         )
 
 
-def _surface(tetrahedra: Int[np.ndarray, "T 4"]) -> Int[np.ndarray, "F 3"]:
-    """Return the triangles of only one tetrahedron, counterclockwise from outside."""
-    a, b, c, d = tetrahedra.T
+def _surface(mesh: Mesh) -> Int[np.ndarray, "F 3"]:
+    """Return the triangles of only one tetrahedron, counterclockwise from outside.
+
+    Raises BadFileError for tetrahedra on the same side of a triangle they share.
+    """
+    a, b, c, d = mesh.elements.T
     sides = np.concatenate(
         [np.stack(side, axis=1) for side in ((a, c, b), (a, b, d), (b, c, d), (a, d, c))]
     )
-    _, places, counts = np.unique(
-        np.sort(sides, axis=1), axis=0, return_index=True, return_counts=True
+    _, first, places, counts = np.unique(
+        np.sort(sides, axis=1), axis=0, return_index=True, return_inverse=True, return_counts=True
     )
-    return sides[np.sort(places[counts == 1])]
+    places = places.reshape(-1)
+    # seen from opposite sides, corners ascend twice in one order and once in the other
+    ascents = np.bincount(places, (sides < np.roll(sides, -1, axis=1)).sum(axis=1))
+    folded = np.flatnonzero((counts > 2) | ((counts == 2) & (ascents != 3)))
+    if len(folded):
+        pair = np.flatnonzero(places == folded[0]) % len(mesh.elements)
+        raise BadFileError(
+            f"{mesh.name}: on the same side of the face they share, so that they overlap: {mesh.named_elements(np.sort(pair))}. "
+            "Mesh it again."
+        )
+    return sides[np.sort(first[counts == 1])]
 
 
 def _masses(mesh: Mesh, masses: Sizes) -> Float[np.ndarray, " N"]:
