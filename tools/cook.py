@@ -28,8 +28,8 @@ class SoftRecipe:
 
     transitions: int
     updates: int
-    widths: tuple[int, ...] = ()
-    """Units in each layer; the usual ones of such a body if empty."""
+    widths: tuple[int, ...] | None = None
+    """Units in each layer; the usual ones of such a body if not given."""
     unroll_share: float | None = None
     """See `TrainingConfig`: windows from the first update on are more accurate for cloths, single steps first for solids;
     the usual share of such a body if not given."""
@@ -100,7 +100,7 @@ def cook_soft(
     generate(config, data)
     own = data.with_name(f"own-{data.name}.emulator.safetensors")
     told = {"unroll_share": recipe.unroll_share, "widths": recipe.widths}
-    settings = {name: value for name, value in told.items() if value}
+    settings = {name: value for name, value in told.items() if value is not None}
     training = TrainingConfig.usual(
         load_system(str(toml)).structure, updates=recipe.updates, **settings
     )
