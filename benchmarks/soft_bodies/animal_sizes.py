@@ -1,6 +1,6 @@
 """The trout of flesh in meshes of 300 to 4,060 nodes, each with an emulator of its own: shapes, units, time, errors, factor.
 
-python -m benchmarks.soft_bodies.animal_sizes                an hour of two cores; a picture and animal_sizes.csv
+python -m benchmarks.soft_bodies.animal_sizes                45 minutes of two cores; a picture and animal_sizes.csv
 python -m benchmarks.soft_bodies.animal_sizes --folder sizes keeps data and emulators, and goes on where it stopped
 
 Every one takes as much data and as many updates, and finds its own shapes. The factor is the time of the cheapest physics of
@@ -74,6 +74,10 @@ def draw(rows: Rows) -> None:
     gain.set_ylabel("times faster at equal error")
     for axes in (times, gain):
         axes.set_xlabel("nodes")
+        axes.set_xticks(nodes, labels=[str(number) for number in nodes])
+        axes.minorticks_off()
+        axes.yaxis.set_major_formatter("{x:,.0f}")
+    gain.set_yticks([500, 1000, 2000, 5000])
     figure.savefig(PICTURE, dpi=110)
 
 

@@ -5,9 +5,9 @@ python -m benchmarks.soft_bodies.swimming trout       one of them
 
 Runs of 10 s by gaits, smooth and held controls that training never saw, after 2 s of them. Errors of nodes are root mean
 squares over all nodes in the body's own frame [% of its length], those of the path distances of the centres [% of the way].
-Speeds and turning rates are means over the last 5 s of all runs, by the physics and by the emulator. The policy that ships
-is told to go anywhere at a random speed, level, from rest: heading and speed of the last four periods of ten seconds on the
-physics.
+Speeds and turning rates are means over the last 5 s of all runs, by the physics and by the emulator. Where water has a surface,
+runs that stay under it are shown alone, too. The policy that ships is told to go anywhere at a random speed, level, from rest:
+heading and speed of the last four periods of ten seconds on the physics.
 """
 
 from __future__ import annotations
@@ -44,6 +44,9 @@ SHOWN = (8, 16, 31, 62, 156, STEPS)
 SEED = 2**31
 """Seed of the runs, above any of a dataset's."""
 
+UNDER = 0.15
+"""Minimum depth of the centre of runs that stay under water [body lengths]."""
+
 DEEP = 2.0
 """Depth at which policies begin where water has a surface [body lengths]."""
 
@@ -59,12 +62,31 @@ BLOCK = 10_000
 
 
 def accuracy_rows(system: SoftSystem, emulator: na.Emulator) -> Rows:
-    """Return the errors after each of `SHOWN`, then speeds and turning rates."""
+    """Return the errors after each of `SHOWN`, then speeds and turning rates: of all runs, then of those under water."""
     rng = np.random.default_rng(SEED)
     starts = system.sample_starts(rng, RUNS)
     controls = system.sample_paths(rng, RUNS, LEAD + STEPS, emulator.dt)
     truth = system.simulate_fastest(starts, controls, emulator.dt).states[:, LEAD:]
     own = np.asarray(emulator.rollout(truth[:, 0], controls[:, LEAD:]), float)
+    length = system.scene.size
+    groups = {"": np.ones(RUNS, bool)}
+    if system.water_surface is not None:
+        is_deep = (truth[..., 2] < system.water_surface - UNDER * length).all(axis=1)
+        groups |= {f", {is_deep.sum()} runs under water": is_deep, ", the others": ~is_deep}
+    rows: Rows = []
+    for which, chosen in groups.items():
+        rows += error_rows(system, own[chosen], truth[chosen], emulator.dt, which)
+    return rows
+
+
+def error_rows(
+    system: SoftSystem,
+    own: Float[np.ndarray, "B T S"],
+    truth: Float[np.ndarray, "B T S"],
+    dt: float,
+    which: str,
+) -> Rows:
+    """Return the emulator's errors and means beside the physics', of the runs that `which` names."""
     length = system.scene.size
     rows: Rows = []
     for step in SHOWN:
@@ -74,17 +96,15 @@ def accuracy_rows(system: SoftSystem, emulator: na.Emulator) -> Rows:
         way = np.linalg.norm(np.diff(truth[:, : step + 1, :3], axis=1), axis=2).sum(axis=1)
         rows.append(
             {
-                "what": f"after {step * emulator.dt:.2g} s",
+                "what": f"after {step * dt:.2g} s{which}",
                 "nodes_percent": 100 * float(apart.mean()) / length,
                 "path_percent": 100 * float(path.sum() / way.sum()),
                 "way_lengths": float(way.mean()) / length,
             }
         )
     for what, measure in {"speed": speeds, "turning": turning_rates}.items():
-        by_both = [
-            float(measure(system, states[:, STEPS // 2 :], emulator.dt)) for states in (own, truth)
-        ]
-        rows.append({"what": what, "emulator": by_both[0], "physics": by_both[1]})
+        by_both = [float(measure(system, states[:, STEPS // 2 :], dt)) for states in (own, truth)]
+        rows.append({"what": what + which, "emulator": by_both[0], "physics": by_both[1]})
     return rows
 
 
