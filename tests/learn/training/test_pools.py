@@ -8,12 +8,14 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import wait_until
 
 from neuroanimator import (
     DatasetConfig,
@@ -28,11 +30,13 @@ from neuroanimator import (
 from neuroanimator.files.atomic import read_tensors, write_tensors
 from neuroanimator.learn.data.store import Dataset, Transitions, join_transitions
 from neuroanimator.learn.data.stored import StoredTransitions, recut
+from neuroanimator.learn.training.checkpoint import TrainingState
 from neuroanimator.learn.training.config import UPDATES_PER_CHUNK
+from neuroanimator.learn.training.feed import Feed
 from neuroanimator.learn.training.initialise import build_emulator
 from neuroanimator.learn.training.lesson import lesson_of
+from neuroanimator.learn.training.optimizer import make_optimizer
 from neuroanimator.learn.training.pools import Pools
-from neuroanimator.learn.training.prefetch import Prefetched
 from neuroanimator.learn.training.survey import Survey, sample_of, training_windows
 from neuroanimator.learn.training.train import run_folder
 
@@ -274,20 +278,29 @@ def test_a_shard_that_changes_while_it_is_learnt_from_is_named(
         list(islice(pools.pools(0), 3))
 
 
-def test_what_is_made_ahead_is_bounded_and_errors_arrive():
-    made = []
+def test_one_pool_is_made_ahead_and_errors_arrive(stored: StoredTransitions):
+    made: list[int] = []
 
-    def numbers():
-        for number in range(5):
-            made.append(number)
-            yield number
-        raise ValueError("no more")
+    class TwoPools(Pools):
+        """Pools of which the third cannot be read, each of one chunk."""
 
-    ahead = Prefetched(numbers(), depth=2)
-    time.sleep(0.05)
-    assert made == [0, 1]
-    assert list(islice(ahead, 5)) == [0, 1, 2, 3, 4]
-    for _ in range(2):
+        of_chunks = np.arange(6)
+
+        def pools(self, first: int):
+            for number, pool in enumerate(islice(super().pools(first), 2)):
+                made.append(number)
+                yield pool
+            raise ValueError("no more")
+
+    config = small_config()
+    lesson = lesson_of(stored, config, None)
+    pools = TwoPools(stored, lesson.problem.base, config, lesson.feed.pools.counts)
+    network = lesson.problem.base.network
+    state = TrainingState.fresh(network, make_optimizer(config)).optimizer_state
+    with closing(Feed(lesson.problem, pools)) as feed:
+        feed.train(network, state, 0)
+        wait_until(lambda: made == [0, 1])
+        feed.train(network, state, 1)
         with pytest.raises(ValueError, match="no more"):
-            next(ahead)
-    ahead.close()
+            feed.train(network, state, 2)
+    assert made == [0, 1]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, final
 
 import scipy.linalg  # noqa: F401  what JAX's decompositions call must be loaded before its threads can be limited
@@ -16,7 +19,6 @@ from neuroanimator.learn.training.chunk import (
     train_chunk,
 )
 from neuroanimator.learn.training.pools import Pools
-from neuroanimator.learn.training.prefetch import Prefetched
 
 
 @final
@@ -26,7 +28,10 @@ class Feed:
 
     problem: TrainingProblem
     pools: Pools
-    _ahead: Prefetched[WindowsInMemory] | None = None
+    _reader: ThreadPoolExecutor = field(default_factory=partial(ThreadPoolExecutor, 1))
+    _unread: Iterator[WindowsInMemory] | None = None
+    """The pools after the next one."""
+    _next: Future[WindowsInMemory] | None = None
     _pool: WindowsInMemory | None = None
     _number: int = -1
     """Number of the pool in memory."""
@@ -53,16 +58,17 @@ class Feed:
     def _pool_at(self, number: int) -> WindowsInMemory:
         if self._pool is not None and number == self._number:
             return self._pool
-        if self._ahead is None or number != self._number + 1:
-            self.close()
-            self._ahead = Prefetched(self.pools.pools(number), depth=1)
-        self._pool = next(self._ahead)
+        if self._next is None or self._unread is None or number != self._number + 1:
+            self._unread = self.pools.pools(number)
+            self._next = self._reader.submit(next, self._unread)
+        self._pool = self._next.result()
         self._number = number
+        # No more than one: each may take as much memory as the user allows.
+        self._next = self._reader.submit(next, self._unread)
         return self._pool
 
     def close(self) -> None:
-        """Free the pool in memory, and end the prefetch."""
-        if self._ahead is not None:
-            self._ahead.close()
-        self._ahead = None
+        """Free the pools in memory, and end the thread that reads them."""
+        self._reader.shutdown(cancel_futures=True)
+        self._next = None
         self._pool = None
