@@ -13,13 +13,14 @@ from neuroanimator.emulator.networks.network import Network
 from neuroanimator.emulator.tensors import checked_arrays, to_numpy
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import SIZE_LIMIT, read_tensors, write_tensors
+from neuroanimator.files.numbers import number, whole
 from neuroanimator.files.places import Place
 
 Numbers = TypeVar("Numbers")
 
 NAME = "checkpoint.safetensors"
 
-MAX_CHUNKS = 2**31
+MAX_CHUNKS = 2**31 - 1
 """Maximum number of chunks, which JAX counts in 32 bits."""
 
 
@@ -123,10 +124,6 @@ def _leaves_by_path(tree: Any) -> dict[str, Any]:
 
 def _numbers(metadata: dict[str, Any]) -> tuple[float, int, int]:
     """Return (best error, chunks done, reports since the best one); ValueError names the one at fault."""
-    best_error = metadata.get("best_error")
-    if not isinstance(best_error, int | float) or best_error < 0:
-        raise ValueError(f"best_error is {str(best_error)[:40]!r}")
-    for key in ("chunk", "stale"):
-        if type(metadata.get(key)) is not int or not 0 <= metadata[key] < MAX_CHUNKS:
-            raise ValueError(f"{key} is {str(metadata.get(key))[:40]!r}")
-    return best_error, metadata["chunk"], metadata["stale"]
+    best_error = number(metadata.get("best_error"), "best_error", least=0)
+    chunk = whole(metadata.get("chunk"), "chunk", 0, MAX_CHUNKS)
+    return best_error, chunk, whole(metadata.get("stale"), "stale", 0, MAX_CHUNKS)

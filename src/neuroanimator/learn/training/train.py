@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -219,39 +219,34 @@ def read_metrics(path: Path) -> list[Report]:
 
 
 def read_reports(path: Path, kind: Callable[..., Line]) -> list[Line]:
-    """Return the reports in `metrics.jsonl` at `path`, in order; none without a file. Torn lines are left out.
+    """Return the reports in `metrics.jsonl` at `path`, in order; none without a file.
 
     `kind` is a tuple of named numbers. BadFileError if the file is longer than that of any training.
     """
     reports = []
-    for line in _lines(path):
-        try:
-            told = parse_json_object(line, MAX_LINE)
-            for name, value in told.items():
-                number(value, name)
+    for told in _numbers_told(path):
+        with suppress(TypeError):
             reports.append(kind(**told))
-        except (ValueError, TypeError):
-            continue
     return reports
 
 
 def trim_metrics(folder: Path, update: int) -> None:
     """Drop the lines that a killed run logged after its last checkpoint."""
     path = folder / METRICS
-    logged = [line + "\n" for line in _lines(path) if _logged_by(line, update)]
+    logged = [told for told in _numbers_told(path) if told.get("update", np.inf) <= update]
     if path.exists():
-        write_whole(path, "".join(logged).encode())
+        write_whole(path, "".join(f"{json.dumps(told)}\n" for told in logged).encode())
 
 
-def _lines(path: Path) -> list[str]:
+def _numbers_told(path: Path) -> list[dict[str, float]]:
+    """Return the numbers in each line of `metrics.jsonl` at `path`; none without a file. Torn lines are left out."""
     if not path.exists():
         return []
-    return read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines()
-
-
-def _logged_by(line: str, update: int) -> bool:
-    """Return whether a line of the metrics was written up to update number `update`; False for torn lines."""
-    try:
-        return parse_json_object(line, MAX_LINE)["update"] <= update
-    except (ValueError, KeyError, TypeError):
-        return False
+    rows = []
+    for line in read_bounded(path, MAX_METRICS).decode(errors="replace").splitlines():
+        with suppress(ValueError):
+            told = parse_json_object(line, MAX_LINE)
+            for name, value in told.items():
+                number(value, name)
+            rows.append(told)
+    return rows
