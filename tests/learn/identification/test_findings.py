@@ -15,6 +15,7 @@ from neuroanimator.learn.identification.least_squares import (
     covariance,
 )
 from neuroanimator.learn.identification.unknowns import Unknowns
+from neuroanimator.state.parameters import Parameter
 
 NAMES = ("damping", "gain", "gear", "mass")
 
@@ -23,17 +24,8 @@ ROUNDING = 1e-12
 
 
 def unknowns() -> Unknowns:
-    size = len(NAMES)
-    return Unknowns(
-        parameters=(),
-        has_delay=False,
-        offsets=(),
-        low=np.zeros(size),
-        high=np.ones(size),
-        nominal=np.full(size, 0.5),
-        names=NAMES,
-        units=("1",) * size,
-    )
+    each = [Parameter(name, "1", 0.0, 1.0, 0.5) for name in NAMES]
+    return Unknowns(tuple(each), len(each), has_delay=False, offsets=())
 
 
 def verdict(slopes: Float[np.ndarray, "N G"]) -> Findings:

@@ -28,7 +28,8 @@ from neuroanimator import (
 from neuroanimator.control import EmulatorPlant, ParameterEstimator, Planner, control_plant
 from neuroanimator.learn.data.generate import simulate_transitions
 from neuroanimator.learn.identification.measurements import Measurements, read_measurements
-from neuroanimator.learn.identification.predictions import MeasuredStartPredictor
+from neuroanimator.learn.identification.predictions import Predictor
+from neuroanimator.learn.identification.unknowns import unknowns_of
 from neuroanimator.physics.loading import resolve, trust_files
 from neuroanimator.systems.random_controls import sample_controls
 from neuroanimator.systems.system import System
@@ -352,9 +353,9 @@ def test_slopes_from_measured_starts_equal_finite_differences(emulator: Emulator
     starts[:, :4] += rng.uniform(-0.5, 0.5, (3, 4))
     controls = rng.uniform(emulator.bounds.low, emulator.bounds.high, (3, 4, 2))
     states = np.repeat(starts[:, None], 5, axis=1)
-    predictor = MeasuredStartPredictor(
-        emulator, Measurements(states, controls, states, (), (0, 1, 2, 3), ())
-    )
+    measurements = Measurements(states, controls, states, (), (0, 1, 2, 3), ())
+    unknowns = unknowns_of(emulator, measurements)
+    predictor = Predictor(emulator, measurements, unknowns, knows_starts=True)
     values = emulator.at(**TRUE).rest[list(emulator.parameter_entries)]
     found = predictor.slopes(starts, values).by_unknowns
     for place in range(len(values)):

@@ -60,7 +60,7 @@ def findings_of(
             not_shown.append(name)
         elif share > PART:
             _join(confused, parts)
-    low, high = np.array(unknowns.ends).T
+    low, high = np.array([(unknown.low, unknown.high) for unknown in unknowns.each]).T
     room = AT_END * (high - low)
     is_at_end = ((values < low + room) & (low != 0)) | ((values > high - room) & (high != 0))
     at_end = [name for name, is_there in zip(unknowns.names, is_at_end, strict=True) if is_there]

@@ -10,19 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.identification.least_squares import (
+    Normal,
     bounded_step,
     normal_equations,
     robust_cost,
 )
 from neuroanimator.learn.identification.measurements import Measurements
-from neuroanimator.learn.identification.predictions import MeasuredStartPredictor, Predictor, Slopes
+from neuroanimator.learn.identification.predictions import Prediction, Predictor, Slopes
 from neuroanimator.learn.identification.unknowns import Unknowns
 
 MAX_ITERATIONS = 60
@@ -57,16 +57,12 @@ MEDIAN_TO_DEVIATION = 1.4826
 """Ratio of a normal distribution's standard deviation to the median of its absolute values."""
 
 
-class Prediction(NamedTuple):
-    """Predicted sensor readings."""
-
-    shown: Float[np.ndarray, "W F S"]
-    slopes: Slopes | None = None
-    """Their derivatives, where they cost little more."""
-
-
 Predict = Callable[[Float[np.ndarray, "W I"], Float[np.ndarray, " G"]], Prediction]
 """Function from starts and shared unknowns to the sensors' readings."""
+
+
+SlopesAt = Callable[[Float[np.ndarray, "W I"], Float[np.ndarray, " G"]], Slopes]
+"""Function from starts and shared unknowns to predictions with their derivatives."""
 
 
 @dataclass(frozen=True)
@@ -94,23 +90,13 @@ class Fit:
     iterations: int
 
 
-class Fitted(NamedTuple):
-    """A fit, and the slopes of its last step, which were taken at it or near it."""
-
-    fit: Fit
-    slopes: Slopes
-
-
-SlopesAt = Callable[[Fit], Slopes]
-"""Function from a fit to predictions with their derivatives."""
-
-
 @dataclass
-class _Descent:
-    """A fit on its way."""
+class Fitting:
+    """A fit, on its way or at its end."""
 
     fit: Fit
     slopes: Slopes
+    """Predictions with their derivatives, at the fit or near it."""
     are_current: bool = True
     """Whether the slopes are those at the fit."""
     damping: float = FIRST_DAMPING
@@ -122,7 +108,7 @@ class Fitter:
     def __init__(
         self,
         measurements: Measurements,
-        predictor: Predictor | MeasuredStartPredictor,
+        predictor: Predictor,
         unknowns: Unknowns,
     ):
         self.measurements = measurements
@@ -136,8 +122,9 @@ class Fitter:
         self.spread = np.where(spread > 0, spread, 1.0)
 
     def taken_up(self, fit: Fit) -> Guess:
-        """Return the initial guess from a `fit` of windows of half the length: its values, and every other of its starts."""
-        return Guess(fit.values, fit.starts[::2], fit.noise, fit.iterations)
+        """Return the initial guess from a `fit` of shorter windows: its values, and those of its starts that begin a window."""
+        every = len(fit.starts) // len(self.measurements.controls)
+        return Guess(fit.values, fit.starts[::every], fit.noise, fit.iterations)
 
     def first_guess(self) -> Guess:
         """Return the nominal values and the measured starts, with the initial noise."""
@@ -149,16 +136,11 @@ class Fitter:
         residuals = self._residuals(prediction)
         return Fit(guess.values, guess.starts, residuals, guess.noise, guess.iterations)
 
-    def by_emulator(
-        self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]
-    ) -> Prediction:
-        """Return the emulator's motions with their derivatives: nearly all of them are needed for the next step."""
-        slopes = self.predictor.slopes(starts, values)
-        return Prediction(slopes.shown, slopes)
-
-    def slopes(self, fit: Fit) -> Slopes:
-        """Return the emulator's predictions and their derivatives at a fit."""
-        return self.predictor.slopes(fit.starts, fit.values)
+    def normal(self, fit: Fit, slopes: Slopes, damping: float = 0.0) -> Normal:
+        """Return the damped normal equations at a fit."""
+        return normal_equations(
+            fit.residuals, fit.noise, slopes, fit.values, self.unknowns, damping
+        )
 
     def fitted(
         self,
@@ -166,17 +148,17 @@ class Fitter:
         predict: Predict,
         slopes_at: SlopesAt | None = None,
         max_iterations: int = MAX_ITERATIONS,
-    ) -> Fitted:
+    ) -> Fitting:
         """Return the fit of `predict`'s motions, starting from `guess`; the noise is estimated between rounds.
 
         Where predictions come without slopes, those of `slopes_at`, by default the emulator's, are kept for the following
         steps as long as these do what they predict.
         """
-        slopes_at = slopes_at or self.slopes
+        slopes_at = slopes_at or self.predictor.slopes
         prediction = predict(guess.starts, guess.values)
         fit = self.seen(guess, prediction)
-        slopes = prediction.slopes or slopes_at(fit)
-        descent = _Descent(fit, slopes)
+        slopes = prediction.slopes or slopes_at(guess.starts, guess.values)
+        descent = Fitting(fit, slopes)
         last = guess.iterations + max_iterations
         for _ in range(NOISE_ROUNDS):
             descent.damping = min(descent.damping, FIRST_DAMPING)
@@ -185,17 +167,15 @@ class Fitter:
             if np.allclose(noise, descent.fit.noise, rtol=0.1):
                 break
             descent.fit = replace(descent.fit, noise=noise)
-        return Fitted(descent.fit, descent.slopes)
+        return descent
 
-    def _descend(self, descent: _Descent, predict: Predict, slopes_at: SlopesAt, last: int) -> None:
+    def _descend(self, descent: Fitting, predict: Predict, slopes_at: SlopesAt, last: int) -> None:
         """Take damped Gauss-Newton steps with fixed noise, as long as they help, up to iteration `last`."""
         small_steps = 0
         while descent.fit.iterations < last and descent.damping <= MAX_DAMPING:
             fit = descent.fit
             cost = self._cost(fit)
-            normal = normal_equations(
-                fit.residuals, fit.noise, descent.slopes, fit.values, self.unknowns, descent.damping
-            )
+            normal = self.normal(fit, descent.slopes, descent.damping)
             step = bounded_step(normal, fit.values, self.unknowns)
             if step.gain < ENOUGH or small_steps == PATIENCE:
                 return
@@ -215,7 +195,7 @@ class Fitter:
             if is_better and prediction.slopes is not None:
                 descent.slopes = prediction.slopes
             elif not descent.are_current and decrease < KEPT * (step.gain + normal.starts_gain):
-                descent.slopes = slopes_at(descent.fit)
+                descent.slopes = slopes_at(descent.fit.starts, descent.fit.values)
                 descent.are_current = True
             elif not is_better:
                 descent.damping *= MORE_DAMPING
@@ -244,7 +224,7 @@ class Fitter:
                 "recordings: the physics diverges from every initial state that was found. With this much noise, give longer "
                 "windows (--window), or measure velocities, too."
             )
-        fitted = len(residuals) * self.predictor.start_size + self.unknowns.size
+        fitted = len(residuals) * self.predictor.start_size + len(self.unknowns.each)
         left = max(numbers - fitted, 1) / numbers
         deviation = MEDIAN_TO_DEVIATION * typical / np.sqrt(left)
         noise[seen] = np.maximum(deviation, LEAST_NOISE * self.spread[seen])

@@ -5,31 +5,23 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator, as_emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.evaluation.held_out import replayable_system
 from neuroanimator.learn.identification.findings import Findings, findings_of
-from neuroanimator.learn.identification.fit import (
-    Fit,
-    Fitted,
-    Fitter,
-    Guess,
-    Predict,
-    Prediction,
-    SlopesAt,
-)
+from neuroanimator.learn.identification.fit import Fit, Fitter, Fitting, Guess, Predict
 from neuroanimator.learn.identification.least_squares import covariance, normal_equations
 from neuroanimator.learn.identification.measurements import (
     SHORTEST,
     Measurements,
     read_measurements,
 )
-from neuroanimator.learn.identification.predictions import Predictor, Slopes
+from neuroanimator.learn.identification.predictions import Predictor
 from neuroanimator.learn.identification.unknowns import Unknowns, unknowns_of
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
@@ -132,22 +124,26 @@ def identify(
     begun = time.perf_counter()
     with phase("fitting the emulator"):
         stages = _by_emulator(fitters)
-    emulated, slopes = stages[-1]
+    last = stages[-1]
+    emulated = last.fit
     seconds_of_emulator = time.perf_counter() - begun
     begun = time.perf_counter()
     fitter = fitters[-1]
-    nominal = _at_nominal(fitter, emulated, fitter.by_emulator)
+    nominal = _at_nominal(fitter, emulated, fitter.predictor.by_emulator)
     proven = None
     system = replayable_system(emulator) if physics else None
     if system is not None and system.can_simulate:
         with phase("verifying it on the physics"):
-            nominal = _at_nominal(fitter, emulated, _true_motions(fitter, system))
+            motions = partial(fitter.predictor.by_physics, system)
+            nominal = _at_nominal(fitter, emulated, motions)
             first = stages[0].fit
             guess = Guess(emulated.values, first.starts, first.noise)
-            proven, slopes = _on_physics(fitters, guess, system)
+            last = _on_physics(fitters, guess, system)
+            proven = last.fit
     seconds_of_physics = time.perf_counter() - begun
-    final = proven or emulated
-    findings = _findings(fitter, final, slopes)
+    final = last.fit
+    known = covariance(fitter.normal(final, last.slopes), unknowns)
+    findings = findings_of(known, final.values, unknowns)
     return Identification(
         estimates=_estimates(final, findings, unknowns),
         confused=findings.confused,
@@ -181,12 +177,12 @@ def _stages(emulator: Emulator, measurements: Measurements, unknowns: Unknowns) 
     return fitters
 
 
-def _by_emulator(fitters: list[Fitter]) -> list[Fitted]:
+def _by_emulator(fitters: list[Fitter]) -> list[Fitting]:
     """Return the emulator's fit of each stage."""
-    fits: list[Fitted] = []
+    fits: list[Fitting] = []
     for fitter in fitters:
         guess = fitter.taken_up(fits[-1].fit) if fits else fitter.first_guess()
-        fits.append(fitter.fitted(guess, fitter.by_emulator))
+        fits.append(fitter.fitted(guess, fitter.predictor.by_emulator))
     return fits
 
 
@@ -196,55 +192,35 @@ def _at_nominal(fitter: Fitter, emulated: Fit, predict: Predict) -> Fit:
     return fitter.seen(guess, predict(guess.starts, guess.values))
 
 
-def _on_physics(fitters: list[Fitter], guess: Guess, system: System) -> Fitted:
+def _on_physics(fitters: list[Fitter], guess: Guess, system: System) -> Fitting:
     """Return the fit of true motions, starting from the `guess` for the shortest windows.
 
     A few steps there use the emulator's slopes, which are good over short windows; longer ones follow differences of the
     physics itself, so that the emulator's remaining errors affect neither the result nor its standard deviations.
     """
     shortest = fitters[0]
-    motions = _true_motions(shortest, system)
-    fit, _ = shortest.fitted(guess, motions, max_iterations=FIRST_STEPS)
+    motions = partial(shortest.predictor.by_physics, system)
+    first = shortest.fitted(guess, motions, max_iterations=FIRST_STEPS)
     last = fitters[-1]
-    every = len(fit.starts) // len(last.measurements.controls)
-    guess = Guess(fit.values, fit.starts[::every], fit.noise, fit.iterations)
-    return last.fitted(guess, _true_motions(last, system), _true_slopes(last, system))
-
-
-def _true_motions(fitter: Fitter, system: System) -> Predict:
-    def predict(starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]) -> Prediction:
-        return Prediction(fitter.predictor.by_physics(system, starts, values))
-
-    return predict
-
-
-def _true_slopes(fitter: Fitter, system: System) -> SlopesAt:
-    def slopes(fit: Fit) -> Slopes:
-        return fitter.predictor.slopes_by_physics(system, fit.starts, fit.values)
-
-    return slopes
-
-
-def _findings(fitter: Fitter, fit: Fit, slopes: Slopes) -> Findings:
-    normal = normal_equations(fit.residuals, fit.noise, slopes, fit.values, fitter.unknowns)
-    return findings_of(covariance(normal, fitter.unknowns), fit.values, fitter.unknowns)
+    return last.fitted(
+        last.taken_up(first.fit),
+        partial(last.predictor.by_physics, system),
+        partial(last.predictor.slopes_by_physics, system),
+    )
 
 
 def _estimates(fit: Fit, findings: Findings, unknowns: Unknowns) -> tuple[Estimate, ...]:
-    return tuple(
-        Estimate(
-            name=unknowns.names[i],
-            unit=unknowns.units[i],
-            value=float(fit.values[i]),
-            deviation=float(findings.deviations[i]),
-            nominal=float(unknowns.nominal[i]),
-            low=unknowns.ends[i][0],
-            high=unknowns.ends[i][1],
-            is_known=findings.is_known[i],
-            is_parameter=i < len(unknowns.parameters),
+    estimates = []
+    for place, unknown in enumerate(unknowns.each):
+        estimate = Estimate(
+            **vars(unknown),
+            value=float(fit.values[place]),
+            deviation=float(findings.deviations[place]),
+            is_known=findings.is_known[place],
+            is_parameter=place < unknowns.parameters,
         )
-        for i in range(unknowns.size)
-    )
+        estimates.append(estimate)
+    return tuple(estimates)
 
 
 def _unproven(system: System | None) -> list[str]:
@@ -268,10 +244,9 @@ def _notes(findings: Findings, unknowns: Unknowns) -> list[str]:
             "around a measured value, or record other motions."
         )
     for name in findings.at_end:
-        place = unknowns.names.index(name)
-        low, high = unknowns.ends[place]
+        ended = unknowns.each[unknowns.names.index(name)]
         notes.append(
-            f"{name}: its best value lies at the end of its range, {low:.4g} to {high:.4g} {unknowns.units[place]}. Widen "
+            f"{name}: its best value lies at the end of its range, {ended.low:.4g} to {ended.high:.4g} {ended.unit}. Widen "
             "that, and train again."
         )
     return notes
@@ -284,12 +259,12 @@ def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
         return []
     measurements = fitter.measurements
     unknowns = unknowns_of(emulator, measurements, delay=True, offsets=True)
-    delay = len(unknowns.parameters)
+    delay = unknowns.parameters
     known = list(range(delay))
     if asked.has_delay:
         known.append(delay)
     if asked.offsets:
-        known += range(delay + 1, unknowns.size)
+        known += range(delay + 1, len(unknowns.each))
     values = unknowns.nominal.copy()
     values[known] = fit.values
     wider = Predictor(emulator, measurements, unknowns)
@@ -306,9 +281,10 @@ def _unasked(fitter: Fitter, fit: Fit, emulator: Emulator) -> list[str]:
     for place, entry in enumerate(unknowns.offsets, delay + 1):
         is_large = abs(change[place]) > NOTEWORTHY * fit.noise[entry]
         if place not in known and is_sure[place] and is_large:
-            name = unknowns.names[place].removeprefix("offset of ")
+            offset = unknowns.each[place]
+            name = offset.name.removeprefix("offset of ")
             notes.append(
-                f"{name} seems to be off by {change[place]:.3g} {unknowns.units[place]} throughout: --offsets finds the "
+                f"{name} seems to be off by {change[place]:.3g} {offset.unit} throughout: --offsets finds the "
                 "offset, too."
             )
     return notes

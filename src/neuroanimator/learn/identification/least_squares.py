@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from neuroanimator.learn.identification.predictions import Slopes
@@ -135,14 +135,11 @@ def bounded_step(normal: Normal, values: Float[np.ndarray, " G"], unknowns: Unkn
     scale = unknowns.high - unknowns.low
     matrix = normal.matrix_of_shares(unknowns)
     floor = LEAST * np.trace(matrix) + np.finfo(float).tiny
-    factor, _ = cho_factor(matrix + floor * np.eye(len(matrix)), lower=True)
+    lower = np.linalg.cholesky(matrix + floor * np.eye(len(matrix)))
+    target = solve_triangular(lower, normal.right * scale, lower=True)
     low = (unknowns.low - values) / scale
     high = (unknowns.high - values) / scale
-    share = cho_solve((factor, True), normal.right * scale)
-    if (share < low).any() or (share > high).any():
-        lower = np.tril(factor)
-        target = solve_triangular(lower, normal.right * scale, lower=True)
-        share = lsq_linear(lower.T, target, (low, np.maximum(high, low + 1e-12))).x
+    share = lsq_linear(lower.T, target, (low, np.maximum(high, low + 1e-12))).x
     change = np.clip(share, low, high) * scale
     rest = normal.starts_right - normal.cross @ change
     starts = np.linalg.solve(normal.starts_matrix, rest[..., None])[..., 0]

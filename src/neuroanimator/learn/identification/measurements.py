@@ -166,13 +166,6 @@ def _resampled(
     """Return a run resampled at the times of super steps."""
     dt = emulator.dt
     guess = _guessed(measured, recording.step, emulator)
-    samples = round(dt / recording.step)
-    is_whole = samples >= 1 and abs(samples * recording.step - dt) <= MAX_TIME_ERROR * dt
-    if is_whole:
-        steps = (len(measured) - 1) // samples
-        frames = samples * np.arange(steps + 1)
-        mean = held[: steps * samples].reshape(steps, samples, -1).mean(axis=1)
-        return _Grid(measured[frames], guess[frames], mean)
     if recording.step > dt * (1 + MAX_TIME_ERROR):
         return _sparse(recording, measured, guess, held, dt)
     times = recording.step * np.arange(len(measured))

@@ -36,10 +36,25 @@ class Slopes(NamedTuple):
     """Derivatives by changes of the start in the body's frame."""
 
 
-class Predictor:
-    """Predictions of windows of measurements, from starts as latent states."""
+class Prediction(NamedTuple):
+    """Predicted sensor readings."""
 
-    def __init__(self, emulator: Emulator, measurements: Measurements, unknowns: Unknowns):
+    shown: Float[np.ndarray, "W F S"]
+    slopes: Slopes | None = None
+    """Their derivatives, where they cost little more."""
+
+
+class Predictor:
+    """Predictions of windows of measurements, from starts as latent states; from measured states if `knows_starts`."""
+
+    def __init__(
+        self,
+        emulator: Emulator,
+        measurements: Measurements,
+        unknowns: Unknowns,
+        *,
+        knows_starts: bool = False,
+    ):
         self.emulator = emulator
         self.unknowns = unknowns
         self.controls = _single(emulator.encode_control(measurements.controls))
@@ -52,16 +67,21 @@ class Predictor:
         )
         # Starts change directly, without coasting.
         self._still = replace(emulator.frame, dt=0.0)
-        self.start_size = self._still.change_size(latent_size(emulator))
+        self.start_size = 0 if knows_starts else self._still.change_size(latent_size(emulator))
+        """Number of unknowns of a start."""
 
     def starts_at(self, states: Float[np.ndarray, "W S"]) -> Float[np.ndarray, "W I"]:
         """Return the starts of motions that begin at `states`."""
+        if not self.start_size:
+            return states
         return np.array(self.emulator.encode(np.asarray(states, float)))
 
     def moved(
         self, starts: Float[np.ndarray, "W I"], change: Float[np.ndarray, "W V"]
     ) -> Float[np.ndarray, "W I"]:
-        """Return the starts after a change in the body's frame."""
+        """Return the starts after a change in the body's frame; those that are known stay."""
+        if not self.start_size:
+            return starts
         return np.asarray(self._still.apply(starts, change), float)
 
     def slopes(self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]) -> Slopes:
@@ -77,14 +97,21 @@ class Predictor:
         )
         return Slopes(*(np.asarray(array, float) for array in arrays))
 
+    def by_emulator(
+        self, starts: Float[np.ndarray, "W I"], values: Float[np.ndarray, " G"]
+    ) -> Prediction:
+        """Return the emulator's motions with their derivatives: nearly all of them are needed for the next step."""
+        slopes = self.slopes(starts, values)
+        return Prediction(slopes.shown, slopes)
+
     def by_physics(
         self,
         system: System,
         starts: Float[np.ndarray, "W I"],
         values: Float[np.ndarray, " G"],
-    ) -> Float[np.ndarray, "W F S"]:
+    ) -> Prediction:
         """Return the sensor readings of the true motions from `starts`; NaN where the physics diverges."""
-        return self._by_physics(system, starts[None], values[None], system.truth)[0]
+        return Prediction(self._by_physics(system, starts[None], values[None], system.truth)[0])
 
     def _by_physics(
         self,
@@ -142,35 +169,6 @@ class Predictor:
         return Slopes(shown, by_unknowns, known[..., len(values) :].copy())
 
 
-class MeasuredStartPredictor:
-    """Predictions, by the emulator alone, of windows whose starts are known measured states."""
-
-    start_size = 0
-    """Number of unknowns of a start."""
-
-    def __init__(self, emulator: Emulator, measurements: Measurements):
-        self.emulator = emulator
-        self.controls = _single(emulator.encode_control(measurements.controls))
-
-    def starts_at(self, states: Float[np.ndarray, "W S"]) -> Float[np.ndarray, "W S"]:
-        """Return `states` as the starts of motions."""
-        return states
-
-    def moved(
-        self, starts: Float[np.ndarray, "W S"], change: Float[np.ndarray, "W V"]
-    ) -> Float[np.ndarray, "W S"]:
-        """Return `starts` unchanged: they are known."""
-        return starts
-
-    def slopes(self, starts: Float[np.ndarray, "W S"], values: Float[np.ndarray, " P"]) -> Slopes:
-        """Return the emulator's motions from `starts`, with `values` of the parameters, and their derivatives."""
-        arrays = _slopes_from_measured(
-            self.emulator, _single(starts), _single(values), self.controls
-        )
-        shown, by_parameters = (np.asarray(array, float) for array in arrays)
-        return Slopes(shown, by_parameters, np.zeros((*shown.shape, self.start_size)))
-
-
 class _Places(eqx.Module):
     """Indices of each kind of unknown."""
 
@@ -183,19 +181,6 @@ class _Places(eqx.Module):
 
 def _single(values: Float[np.ndarray, " ..."]) -> Float[Array, " ..."]:
     return jnp.asarray(values, jnp.float32)
-
-
-def _motion(
-    emulator: Emulator,
-    places: _Places,
-    start: Float[Array, " I"],
-    values: Float[Array, " G"],
-    controls: Float[Array, "T C"],
-) -> Float[Array, "F S"]:
-    """Return the emulator's motion from `start` with the parameters in `values`."""
-    latent = jnp.concatenate([start[: places.moving], values[: places.parameters]])
-    following = _rollout(emulator, latent, controls)
-    return emulator.decode(jnp.concatenate([latent[None], following]))
 
 
 @eqx.filter_custom_jvp
@@ -274,7 +259,15 @@ def _slopes(
     controls: Float[Array, "W T C"],
 ) -> tuple[Float[Array, "W F S"], Float[Array, "W F S G"], Float[Array, "W F S V"]]:
     def shown(values: Array, change: Array, start: Array, held: Array) -> tuple[Array, Array]:
-        states = _motion(emulator, places, still.apply(start, change), values, held)
+        parameters = values[: places.parameters]
+        if start_size:
+            moving = still.apply(start, change)[: places.moving]
+            latent = jnp.concatenate([moving, parameters])
+        else:  # a measured state, whose shape is encoded with the parameters
+            moving = start[: len(start) - places.parameters]
+            latent = emulator.encode(jnp.concatenate([moving, parameters]))
+        following = _rollout(emulator, latent, held)
+        states = emulator.decode(jnp.concatenate([latent[None], following]))
         seen = _observed(places, emulator.dt, states, values)
         return seen, seen
 
@@ -282,36 +275,5 @@ def _slopes(
         derivatives = jax.jacfwd(shown, argnums=(0, 1), has_aux=True)
         (by_values, by_start), seen = derivatives(values, jnp.zeros(start_size), start, held)
         return seen, by_values, by_start
-
-    return jax.vmap(slopes)(starts, controls)
-
-
-def _motion_from_measured(
-    emulator: Emulator,
-    start: Float[Array, " S"],
-    values: Float[Array, " P"],
-    controls: Float[Array, "T C"],
-) -> Float[Array, "F S"]:
-    """Return the emulator's motion from the state `start` with other parameters, with which its shape is encoded, too."""
-    moving = start.shape[0] - values.shape[0]
-    state = jnp.concatenate([start[:moving], values])
-    following = rollout_latent(emulator, emulator.encode(state), controls, is_bounded=False)
-    return jnp.concatenate([state[None], emulator.decode(following)])
-
-
-@eqx.filter_jit
-def _slopes_from_measured(
-    emulator: Emulator,
-    starts: Float[Array, "W S"],
-    values: Float[Array, " P"],
-    controls: Float[Array, "W T C"],
-) -> tuple[Float[Array, "W F S"], Float[Array, "W F S P"]]:
-    def slopes(start: Array, held: Array) -> tuple[Array, Array]:
-        def shown(values: Array) -> tuple[Array, Array]:
-            states = _motion_from_measured(emulator, start, values, held)
-            return states, states
-
-        by_values, states = jax.jacfwd(shown, has_aux=True)(values)
-        return states, by_values
 
     return jax.vmap(slopes)(starts, controls)

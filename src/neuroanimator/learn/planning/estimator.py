@@ -13,7 +13,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.identification.fit import Fitter
 from neuroanimator.learn.identification.measurements import SHORTEST, Measurements
-from neuroanimator.learn.identification.predictions import MeasuredStartPredictor
+from neuroanimator.learn.identification.predictions import Predictor
 from neuroanimator.learn.identification.unknowns import unknowns_of
 
 WINDOWS = 48
@@ -97,12 +97,13 @@ class ParameterEstimator:
     def _estimate(self) -> None:
         windows = self._windows_of_fixed_number()
         unknowns = unknowns_of(self.emulator, windows)
-        fitter = Fitter(windows, MeasuredStartPredictor(self.emulator, windows), unknowns)
+        predictor = Predictor(self.emulator, windows, unknowns, knows_starts=True)
+        fitter = Fitter(windows, predictor, unknowns)
         begin = np.clip(self.values, unknowns.low, unknowns.high)
         first = replace(fitter.first_guess(), values=begin)
         if self._noise is not None:
             first = replace(first, noise=self._noise)
-        fit, _ = fitter.fitted(first, fitter.by_emulator)
+        fit = fitter.fitted(first, predictor.by_emulator).fit
         self.values = fit.values
         self._noise = fit.noise
 
