@@ -9,6 +9,7 @@ import pytest
 from swing_up import stand_upright
 
 from neuroanimator import Emulator, load_system
+from neuroanimator.control.descent.descend import pose_problem
 from neuroanimator.control.descent.gradient_check import (
     GradientTrust,
     difference_gradient,
@@ -39,10 +40,8 @@ def physical_gradient(
     def follow(starts, controls):
         return system.simulate_fastest(starts, controls, emulator.dt).states
 
-    bounds = emulator.bounds
-    return difference_gradient(
-        follow, stand_upright(), parametrisation, bounds, emulator.dt, REST, z, step
-    )
+    problem = pose_problem(emulator, stand_upright(), parametrisation, REST)
+    return difference_gradient(follow, problem, z, np.eye(len(z)), step)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -82,9 +81,9 @@ def test_an_emulator_trusts_itself(shipped: Emulator, parametrisation: EachStep)
             motions = jax.vmap(lambda s, u: rollout(shipped, s, u))
             return np.asarray(motions(jnp.asarray(starts), jnp.asarray(held)))
 
-    itself = difference_gradient(
-        follow, stand_upright(), parametrisation, shipped.bounds, shipped.dt, REST, parametrisation.guess(controls),
-    )  # fmt: skip
+    problem = pose_problem(shipped, stand_upright(), parametrisation, REST)
+    z = parametrisation.guess(controls)
+    itself = difference_gradient(follow, problem, z, np.eye(len(z)))
     assert GradientTrust.of(trust.emulator_gradient, itself).cosine == pytest.approx(1, abs=1e-3)
     np.testing.assert_allclose(trust.emulator_gradient, itself, atol=1e-3 * np.abs(itself).max())
 

@@ -285,7 +285,7 @@ def _iterate(
         least = [start.least for start in starts]
         history.append(least)
         if options.finalists and limit == math.ceil(SCREENING * options.iterations):
-            finalists = np.argsort(np.where(np.isfinite(least), least, np.inf))[: options.finalists]
+            finalists = best_first(np.array(least))[: options.finalists]
             starts = [starts[number] for number in finalists]
             history = [[row[number] for number in finalists] for row in history]
         if options.on_iteration is not None:

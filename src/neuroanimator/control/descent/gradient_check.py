@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 from neuroanimator.codegen.kept import has_code_in_sources
 from neuroanimator.control.descent.descend import controls_in_jax, evaluator_of, pose_problem
 from neuroanimator.control.descent.parametrisation import Parametrisation
+from neuroanimator.control.descent.problem import Problem
 from neuroanimator.control.objective.c_objective import is_known_by_name
 from neuroanimator.control.objective.objective import Objective, Trajectory
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import phase
 
@@ -86,26 +86,14 @@ def gradient_trust(
     state = emulator.state.check(start, "state")
     z = parametrisation.guess(controls)
     problem = pose_problem(emulator, objective, parametrisation, state, defects)
-    if directions is None:
-        along = np.eye(len(z))
-    else:
-        along = random_directions(len(z), directions)
+    along = random_directions(len(z), directions or len(z))
 
     def simulate(starts: np.ndarray, controls: np.ndarray) -> np.ndarray:
         return _simulate(system, starts, controls, emulator.dt)
 
     with phase("checking the gradient"):
         on_emulator = along @ evaluator_of(problem).gradients(z[None])[1][0]
-        on_physics = difference_gradient(
-            simulate,
-            objective,
-            parametrisation,
-            emulator.bounds,
-            emulator.dt,
-            state,
-            z,
-            along=along,
-        )
+        on_physics = difference_gradient(simulate, problem, z, along)
     return GradientTrust.of(on_emulator, on_physics)
 
 
@@ -119,27 +107,19 @@ def random_directions(size: int, count: int) -> Float[np.ndarray, "D Z"]:
 
 def difference_gradient(
     simulate: Simulate,
-    objective: Objective,
-    parametrisation: Parametrisation,
-    bounds: Bounds,
-    dt: float,
-    start: np.ndarray,
-    z: np.ndarray,
+    problem: Problem,
+    z: Float[np.ndarray, " Z"],
+    along: Float[np.ndarray, "D Z"],
     step: float = DIFFERENCE_STEP,
-    along: Float[np.ndarray, "D Z"] | None = None,
 ) -> Float[np.ndarray, " D"]:
-    """Return dJ/dz (Z,) by central differences of `simulate` from `start` (S,), with J in float64.
-
-    With unit vectors `along` (D, Z), the slopes in these directions.
-
-    `bounds` give the scale of effort, `dt` [s] the super step.
-    """
-    shifts = step * (np.eye(len(z)) if along is None else along)
+    """Return the slopes of J along unit vectors, by central differences of `simulate` in float64 from the problem's start."""
+    shifts = step * along
+    start = np.asarray(problem.start, float)
     starts = np.broadcast_to(start, (2 * len(shifts), len(start)))
     points = np.concatenate([z + shifts, z - shifts])
-    controls = _precise_controls(parametrisation, points)
+    controls = _precise_controls(problem.parametrisation, points)
     states = simulate(starts, controls)
-    costs = _precise_costs(objective, states, controls, bounds.magnitude, dt)
+    costs = _precise_costs(problem, states, controls)
     above, below = np.split(costs, 2)
     return (above - below) / (2 * step)
 
@@ -156,13 +136,12 @@ def _precise_controls(
 
 
 def _precise_costs(
-    objective: Objective,
-    states: Float[np.ndarray, "K T1 S"],
-    controls: Float[np.ndarray, "K T C"],
-    control_scale: Float[np.ndarray, " C"],
-    dt: float,
+    problem: Problem, states: Float[np.ndarray, "K T1 S"], controls: Float[np.ndarray, "K T C"]
 ) -> Float[np.ndarray, " K"]:
     """Return J of each motion in float64."""
+    objective = problem.objective
+    control_scale = np.asarray(problem.control_scale, float)
+    dt = problem.emulator.dt
     if not is_known_by_name(objective):
         with jax.enable_x64(True):
             return np.asarray(_costs(objective, states, controls, control_scale, dt))
