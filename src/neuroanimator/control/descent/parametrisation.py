@@ -65,8 +65,6 @@ class EachStep(Parametrisation):
         return self.middle + _tanh(z.reshape(self.steps, -1)) * self.half
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
-        if controls is None:
-            return np.zeros(self.size)
         return _raw(self, controls).ravel()
 
 
@@ -99,8 +97,6 @@ class Spline(Parametrisation):
         return self.middle + _tanh(self.basis @ z.reshape(self.basis.shape[1], -1)) * self.half
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
-        if controls is None:
-            return np.zeros(self.size)
         basis = np.asarray(self.basis, float)
         return _least_squares(basis, _raw(self, controls)).ravel()
 
@@ -145,17 +141,14 @@ class Periodic(Parametrisation):
         return 1 + 3 * len(self.middle)
 
     def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
-        offset, sine, cosine = z[1:].reshape(3, -1)
-        phases = self.phases(z[0])[:, None]
-        xp = z.__array_namespace__()
-        raw = offset + sine * xp.sin(phases) + cosine * xp.cos(phases)
-        return self.middle + xp.tanh(raw) * self.half
+        return self.middle + _tanh(self.waves(z[0]) @ z[1:].reshape(3, -1)) * self.half
 
-    def phases(self, number: Float[AnyArray, " *K"]) -> Float[AnyArray, " *K T"]:
-        """Return the phase of each super step's middle [rad], for the `number` that gives the frequency."""
+    def waves(self, number: Float[AnyArray, " *K"]) -> Float[AnyArray, "*K T 3"]:
+        """Return 1, sine and cosine at each super step's middle, for the `number` that gives the frequency."""
         xp = number.__array_namespace__()
         rate = 2 * math.pi * self._tempo(number) / self.period
-        return rate[..., None] * (xp.arange(self.steps) + 0.5) * self.dt
+        phases = rate[..., None] * (xp.arange(self.steps) + 0.5) * self.dt
+        return xp.stack([xp.ones_like(phases), xp.sin(phases), xp.cos(phases)], axis=-1)
 
     def _tempo(self, number: Float[AnyArray, " *K"]) -> Float[AnyArray, " *K"]:
         """Return the ratio to the initial frequency: 1 for a number of zero."""
@@ -163,8 +156,6 @@ class Periodic(Parametrisation):
         return SLOWEST + (FASTEST - SLOWEST) / (1 + (FASTEST - 1) / (1 - SLOWEST) * xp.exp(-number))
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
-        if controls is None:
-            return np.zeros(self.size)
         raw = _raw(self, controls)
         number = 0.0
         width = WIDEST_TEMPO
@@ -173,19 +164,14 @@ class Periodic(Parametrisation):
             numbers = number + width * np.concatenate([[0.0], np.linspace(-1, 1, TEMPOS)])
             number = float(numbers[np.argmin(self._misfits(numbers, raw))])
             width *= 2 / TEMPOS
-        weights = _least_squares(self._waves(np.array([number]))[0], raw)
+        weights = _least_squares(self.waves(np.array(number)), raw)
         return np.concatenate([[number], weights.ravel()])
-
-    def _waves(self, numbers: Float[np.ndarray, " K"]) -> Float[np.ndarray, "K T 3"]:
-        """Return offset, sine and cosine at the frequency of each of `numbers`."""
-        phases = np.asarray(self.phases(numbers))
-        return np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=-1)
 
     def _misfits(
         self, numbers: Float[np.ndarray, " K"], raw: Float[np.ndarray, "T C"]
     ) -> Float[np.ndarray, " K"]:
         """Return the share of the squares of `raw` that waves of each frequency do not fit; rounding counts as zero."""
-        waves = self._waves(numbers)
+        waves = np.asarray(self.waves(numbers))
         products = waves.mT @ raw
         met = np.sum(products * np.linalg.solve(waves.mT @ waves, products), axis=(1, 2))
         return np.round(1 - met / (np.sum(raw**2) + TINY), MISFIT_DIGITS)
@@ -219,24 +205,16 @@ class Steered(Parametrisation):
         return 1 + 2 * len(self.middle) + self.offsets.size
 
     def controls(self, z: Float[AnyArray, " Z"]) -> Float[AnyArray, "T C"]:
-        sine, cosine = z[1 : 1 + 2 * len(self.middle)].reshape(2, -1)
-        phases = self.wave.phases(z[0])[:, None]
-        knots = z[1 + 2 * len(self.middle) :].reshape(self.offsets.basis.shape[1], -1)
-        offset = self.offsets.basis @ knots
-        xp = z.__array_namespace__()
-        raw = offset + sine * xp.sin(phases) + cosine * xp.cos(phases)
-        return self.middle + xp.tanh(raw) * self.half
+        size = 1 + 2 * len(self.middle)
+        knots = z[size:].reshape(self.offsets.basis.shape[1], -1)
+        weights = z[1:size].reshape(2, -1)
+        raw = self.offsets.basis @ knots + self.wave.waves(z[0])[:, 1:] @ weights
+        return self.middle + _tanh(raw) * self.half
 
     def guess(self, controls: np.ndarray | None) -> np.ndarray:
-        if controls is None:
-            return np.zeros(self.size)
-        phases = self.wave.phases(np.zeros(()))
-        columns = [
-            np.sin(phases)[:, None],
-            np.cos(phases)[:, None],
-            np.asarray(self.offsets.basis, float),
-        ]
-        weights = _least_squares(np.concatenate(columns, axis=1), _raw(self, controls))
+        waves = np.asarray(self.wave.waves(np.zeros(())), float)
+        columns = np.concatenate([waves[:, 1:], np.asarray(self.offsets.basis, float)], axis=1)
+        weights = _least_squares(columns, _raw(self, controls))
         return np.concatenate([[0.0], weights.ravel()])
 
 
@@ -256,9 +234,11 @@ def _tanh(numbers: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
     return numbers.__array_namespace__().tanh(numbers)
 
 
-def _raw(parametrisation: Parametrisation, controls: np.ndarray) -> np.ndarray:
-    """Return the numbers (T, C) whose tanh gives `controls`."""
+def _raw(parametrisation: Parametrisation, controls: np.ndarray | None) -> np.ndarray:
+    """Return the numbers (T, C) whose tanh gives `controls`; zeros, the middle of the bounds, for None."""
     middle = np.asarray(parametrisation.middle)
+    if controls is None:
+        return np.zeros((parametrisation.steps, len(middle)))
     share = (np.asarray(controls) - middle) / np.asarray(parametrisation.half)
     return np.arctanh(np.clip(share, -NEARLY_ALL, NEARLY_ALL))
 
