@@ -59,6 +59,9 @@ SHORTEST_LEG = 1e-9
 NEARLY_UPRIGHT = 1e-3
 """Minimum angle of leaning [rad]: smaller ones count as this, so that an upright body has a finite gradient."""
 
+FAR = 1e9
+"""Bound that no state reaches, on the side on which a term has none; programs in C know no infinity."""
+
 PATH_SHARE = 0.1
 """Default distance from a path that is an error of one, as a share of its length."""
 
@@ -346,21 +349,27 @@ def reach_node(
     )
 
 
-class ReachHeight(TimedTerm):
-    """Term for the whole body being above a height at given times: rms of the mass points' distances below it."""
+class BoundedTerm(TimedTerm):
+    """A term that wants its observations between bounds: an excess of `within` is an error of one."""
+
+    low: Float[AnyArray, "*A"]
+    high: Float[AnyArray, "*A"]
+    within: Float[AnyArray, ""]
+
+    def compare(self, observed: Float[AnyArray, "K A"], dt: float) -> Float[AnyArray, " R"]:
+        xp = observed.__array_namespace__()
+        above = xp.maximum(observed - self.high, 0)
+        below = xp.maximum(self.low - observed, 0)
+        return self.when.share(dt) * ((above + below) / self.within).ravel()
+
+
+class ReachHeight(BoundedTerm):
+    """Term for the whole body being above a height at given times: distances of its mass points below it."""
 
     structure: Structure = eqx.field(static=True)
-    height: Float[AnyArray, ""]
-    """Height to reach [m]."""
-    within: Float[AnyArray, ""]
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B N"]:
         return read_heights(self.structure, state)
-
-    def compare(self, observed: Float[AnyArray, "K N"], dt: float) -> Float[AnyArray, " R"]:
-        xp = observed.__array_namespace__()
-        below = xp.maximum(self.height - observed, 0) / self.within
-        return (below / math.sqrt(observed.shape[-1])).ravel()
 
 
 def reach_height(
@@ -371,11 +380,14 @@ def reach_height(
     For a deformable body the parts are its mass points, so that a leap lifts its tail out of the water, too; for a rigid
     body it is the root's position.
     """
+    points = read_heights(_structure(system), system.rest).shape[-1]
     return ReachHeight(
         weight=as_parameter(weight),
-        structure=_structure(system),
-        height=_number("height", height),
-        within=_positive("within", within),
+        structure=system.structure,
+        low=_number("height", height),
+        high=as_parameter(FAR),
+        # So that the residuals' squares add up to the mean square of the points' distances.
+        within=as_parameter(_positive("within", within) * math.sqrt(points)),
         when=Moments.of(at),
     )
 
@@ -436,38 +448,27 @@ def follow_path(
     )
 
 
-class TravelTerm(TimedTerm):
+class Travel(TimedTerm):
     """Term for travelling `distance` [m] along `direction`; an impossible distance means as far as possible."""
 
     direction: Float[AnyArray, " 3"]
     distance: Float[AnyArray, ""]
     within: Float[AnyArray, ""]
+    structure: Structure = eqx.field(static=True)
+    chain: tuple[Link, ...] = eqx.field(static=True)
+    """Links from the world to one of several bodies; none for the root, or a deformable body's centroid."""
 
     def rows(self, steps: int, dt: float) -> list[int]:
         return [0, *super().rows(steps, dt)]
 
+    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
+        if self.chain:
+            return point_of_chain(self.chain, (0.0, 0.0, 0.0), state)
+        return read_pose(self.structure, state).position
+
     def compare(self, observed: Float[AnyArray, "K 3"], dt: float) -> Float[AnyArray, " R"]:
         travelled = (observed[1:] - observed[0]) @ self.direction
         return self.when.share(dt) * (self.distance - travelled) / self.within
-
-
-class Travel(TravelTerm):
-    """Term for the travel of the root, or of a deformable body's centroid."""
-
-    structure: Structure = eqx.field(static=True)
-
-    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
-        return read_pose(self.structure, state).position
-
-
-class TravelPoint(TravelTerm):
-    """Term for the travel of one of several bodies."""
-
-    chain: tuple[Link, ...] = eqx.field(static=True)
-    """Links from the world to that body."""
-
-    def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 3"]:
-        return point_of_chain(self.chain, (0.0, 0.0, 0.0), state)
 
 
 def travel(
@@ -479,7 +480,7 @@ def travel(
     body: str | None = None,
     since: float | None = None,
     weight: float = 1.0,
-) -> TravelTerm:
+) -> Travel:
     """Return the cost of not travelling `distance` [m] along `direction` (3,) by the end, or from `since` [s] on.
 
     A distance slightly beyond what is possible means as far as possible by the end. In closed loop use `since` 0 s, for as
@@ -487,41 +488,33 @@ def travel(
     The travelling point is MuJoCo's origin of `body`; by default the root, which must be free, or a
     deformable body's centroid.
     """
-    when = Moments.of(None, since)
-    term_weight = as_parameter(weight)
-    unit = _unit_vector("direction", direction)
-    wanted = _positive("distance", distance)
-    sizeable = _positive("within", within)
     names = [bone.name for bone in system.skeleton.bones if bone.joints]
     if body is None and names and not has_pose(system.structure):
         raise ArgumentError(
             f'travel: {system.name} has no free root. Name the body to move forward: body = "{names[0]}", '
             f"or another of {', '.join(names)}."
         )
-    if body is None:
-        return Travel(term_weight, when, unit, wanted, sizeable, _structure(system))
-    chain = system.skeleton.chain_to(body)
-    return TravelPoint(term_weight, when, unit, wanted, sizeable, chain)
+    structure = _structure(system) if body is None else system.structure
+    return Travel(
+        weight=as_parameter(weight),
+        when=Moments.of(None, since),
+        direction=_unit_vector("direction", direction),
+        distance=_positive("distance", distance),
+        within=_positive("within", within),
+        structure=structure,
+        chain=() if body is None else system.skeleton.chain_to(body),
+    )
 
 
-class StayUpright(TimedTerm):
-    """Term for staying upright from a given time on: ∫ of the angle beyond a tolerance."""
+class StayUpright(BoundedTerm):
+    """Term for staying upright from a given time on: ∫ of the angle of leaning [rad] beyond a tolerance."""
 
     structure: Structure = eqx.field(static=True)
-    tolerance: Float[AnyArray, ""]
-    """Angle of leaning that costs nothing [rad]."""
-    within: Float[AnyArray, ""]
-    """Angle beyond it that is an error of one [rad]."""
     may_pitch: bool = eqx.field(static=True)
     """Whether only rolling counts, so that the body may dive and leap."""
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B 1"]:
         return _lean(read_pose(self.structure, state), may_pitch=self.may_pitch)[..., None]
-
-    def compare(self, observed: Float[AnyArray, "K 1"], dt: float) -> Float[AnyArray, " K"]:
-        xp = observed.__array_namespace__()
-        beyond = xp.maximum(observed[:, 0] - self.tolerance, 0)
-        return self.when.share(dt) * beyond / self.within
 
 
 def stay_upright(
@@ -541,7 +534,8 @@ def stay_upright(
     return StayUpright(
         weight=as_parameter(weight),
         structure=_structure(system),
-        tolerance=_positive("tolerance", tolerance),
+        low=as_parameter(-FAR),
+        high=_positive("tolerance", tolerance),
         within=_positive("within", within),
         may_pitch=may_pitch,
         when=Moments.of(None, since),
@@ -561,23 +555,13 @@ def _lean(pose: Pose, *, may_pitch: bool) -> Float[AnyArray, "*B"]:
     return xp.atan2(xp.sqrt(aside + NEARLY_UPRIGHT**2), above)
 
 
-class StayWithin(TimedTerm):
+class StayWithin(BoundedTerm):
     """Term for keeping state entries, such as joints, between bounds: ∫ of the excess."""
 
-    low: Float[AnyArray, " E"]
-    high: Float[AnyArray, " E"]
-    within: Float[AnyArray, ""]
     entries: tuple[int, ...] = eqx.field(static=True)
 
     def observe(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B E"]:
         return state[..., np.array(self.entries)]
-
-    def compare(self, observed: Float[AnyArray, "T E"], dt: float) -> Float[AnyArray, " R"]:
-        xp = observed.__array_namespace__()
-        above = xp.maximum(observed - self.high, 0)
-        below = xp.maximum(self.low - observed, 0)
-        beyond = (above + below) / self.within
-        return self.when.share(dt) * beyond.ravel()
 
 
 def stay_within(
