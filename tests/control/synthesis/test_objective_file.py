@@ -274,7 +274,7 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ),
         (
             '[[costs]]\nkind = "reach_position"\nposition = [1, "2", 3]\nwithin = 1',
-            "position: wanted finite numbers, or rows",
+            "position: wanted real numbers",
         ),
         (
             '[[costs]]\nkind = "reach_position"\nposition = [1, 2]\nwithin = 1',
@@ -286,7 +286,7 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ),
         (
             '[[costs]]\nkind = "follow_path"\npoints = [[1, 2], [3]]\nwithin = 1',
-            "rows of them equally long",
+            "points: wanted numbers in rows equally long",
         ),
         (
             '[[costs]]\nkind = "stand_up"\nwithin = -1',

@@ -82,9 +82,10 @@ def avoid(
 ) -> Avoid:
     """Return the cost of coming nearer than `margin` [m] to `zones` with any of the `probes` (P, 2) [m] of the body."""
     points = as_numbers(probes, "probes")
-    if not zones or points.ndim != 2 or points.shape[1] != 2 or not 0 < margin < math.inf:
+    is_sound = points.ndim == 2 and points.shape[1] == 2 and np.isfinite(points).all()
+    if not zones or not is_sound or not 0 < margin < math.inf:
         raise ArgumentError(
-            f"avoid: wanted zones, probes (P, 2) and margin above 0, got {len(zones)}, {points.shape}, {margin:g}."
+            f"avoid: wanted zones, finite probes (P, 2) and margin above 0, got {len(zones)}, {points.shape}, {margin:g}."
         )
     read_pose(system.structure, system.rest)
     return Avoid(

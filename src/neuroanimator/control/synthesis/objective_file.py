@@ -24,8 +24,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import ConfigDict, Field, PlainValidator, ValidationError, create_model
-from pydantic_core import PydanticCustomError
+from pydantic import ConfigDict, Field, ValidationError, create_model
 
 from neuroanimator.control.descent.parametrisation import (
     EachStep,
@@ -45,6 +44,7 @@ from neuroanimator.files.tables import Finite, Positive, Table, first_fault, rea
 from neuroanimator.state.slowness import slowness
 from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import System
+from neuroanimator.text import quoted
 
 DEFAULT_KNOTS = 12
 """Default number of a spline's knots: enough for a few swings back and forth."""
@@ -57,9 +57,6 @@ MAX_STARTS = 64
 
 MANY_SUBSTEPS = 50
 """Maximum number of physics steps in a super step of a file's emulators; it limits the duration of a slow motion."""
-
-MAX_KIND_SHOWN = 40
-"""Maximum number of characters of an unknown kind or key shown in an error."""
 
 
 class ObjectiveTable(Table):
@@ -207,7 +204,7 @@ def _cost(number: int, values: dict[str, Any], system: System) -> CostTerm:
     kind = values.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         raise ArgumentError(
-            f"cost {number}: no kind {str(kind)[:MAX_KIND_SHOWN]!r}. Kinds: {', '.join(sorted(KINDS))}."
+            f"cost {number}: no kind {quoted(kind)}. Kinds: {', '.join(sorted(KINDS))}."
         )
     make = KINDS[kind]
     given = {key: value for key, value in values.items() if key != "kind"}
@@ -232,7 +229,9 @@ def _checked_arguments(make: Callable[..., CostTerm], given: dict[str, Any]) -> 
     fields: dict[str, Any] = {}
     for name, taken in parameters.items():
         default = ... if name in needed else taken.default
-        fields[name] = (_checked_type(taken.annotation), default)
+        # Arrays are checked by `make`, which knows their shape.
+        kind = Any if taken.annotation == ArrayLike else taken.annotation
+        fields[name] = (kind, default)
     strict = ConfigDict(strict=True, allow_inf_nan=False)
     model = create_model("Arguments", __config__=strict, **fields)
     # In JSON mode a list is accepted for a tuple and a table for a dataclass, but a text for no number.
@@ -245,35 +244,4 @@ def _refuse_keys(fault: str, keys: set[str], arguments: list[str], needed: list[
     if not keys:
         return
     needs = f"; needed: {', '.join(needed)}" if needed else ""
-    raise ArgumentError(
-        f"{fault} '{min(keys)[:MAX_KIND_SHOWN]}'. Arguments: {', '.join(arguments)}{needs}."
-    )
-
-
-def _checked_type(annotation: Any) -> Any:
-    if annotation == ArrayLike:
-        return Annotated[Any, PlainValidator(_checked_rows)]
-    return annotation
-
-
-def _checked_rows(value: Any) -> Any:
-    """Return `value` if it is a number, a list of numbers or a list of equally long ones, all finite."""
-    rows = value if isinstance(value, list) else [value]
-    numbers = []
-    lengths = set()
-    for row in rows:
-        if isinstance(row, list):
-            numbers += row
-            lengths.add(len(row))
-        else:
-            numbers.append(row)
-            lengths.add(0)
-    if not numbers or len(lengths) > 1 or not all(_is_finite_number(n) for n in numbers):
-        raise PydanticCustomError("rows", "wanted finite numbers, or rows of them equally long")
-    return value
-
-
-def _is_finite_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return bool(np.isfinite(value))
+    raise ArgumentError(f"{fault} {quoted(min(keys))}. Arguments: {', '.join(arguments)}{needs}.")
