@@ -106,18 +106,21 @@ SHARDS: dict[str, tuple[Callable[[Tensors, dict[str, Any]], object], str]] = {
         replace("samples", lambda samples: samples[:, 0]),
         "tensor 'samples' has shape (8,)",
     ),
-    "no diverged runs told": (lambda _, metadata: metadata.pop("diverged"), "diverged is 'None'"),
+    "no diverged runs told": (
+        lambda _, metadata: metadata.pop("diverged"),
+        "diverged: wanted a whole number from 0 to 8, got 'None'",
+    ),
     "diverged runs in words": (
         lambda _, metadata: metadata.update(diverged="many"),
-        "diverged is 'many'",
+        "diverged: wanted a whole number from 0 to 8, got 'many'",
     ),
     "negative diverged runs": (
         lambda _, metadata: metadata.update(diverged=-1),
-        "diverged is '-1'",
+        "diverged: wanted a whole number from 0 to 8, got '-1'",
     ),
     "diverged runs that are no number": (
         lambda _, metadata: metadata.update(diverged=True),
-        "diverged is 'True'",
+        "diverged: wanted a whole number from 0 to 8, got 'True'",
     ),
     "too many diverged runs": (
         lambda _, metadata: metadata.update(diverged=3),

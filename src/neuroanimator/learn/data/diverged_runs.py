@@ -7,6 +7,7 @@ system.simulate(starts, controls, dt)  # diverges again
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -43,18 +44,15 @@ def write_diverged(
     """
     path = _path(folder, shard)
     tensors = {"starts": starts.astype(np.float64), "controls": controls.astype(np.float64)}
-    try:
+    is_other = False
+    with suppress(BadFileError):
         present, metadata = read_tensors(path, KIND)
-    except BadFileError:
-        present = {}
-        metadata = {}
-    if present:
-        is_same = all(np.array_equal(present.get(name, np.nan), tensors[name]) for name in tensors)
-        if not is_same or not _belongs(present, metadata, config, shard):
-            raise BadFileError(
-                f"{path} holds runs of another dataset. Move it away, and generate again."
-            )
-    elif len(starts):
+        is_other = not _belongs(present, metadata, config, shard)
+    if is_other:
+        raise BadFileError(
+            f"{path} holds runs of another dataset. Move it away, and generate again."
+        )
+    if len(starts):
         write_tensors(path, tensors, {"kind": KIND, "config": config.hash, "shard": shard})
 
 

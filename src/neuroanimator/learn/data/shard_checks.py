@@ -10,13 +10,9 @@ from jaxtyping import Int
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import Metadata, Tensors
+from neuroanimator.files.numbers import whole
 from neuroanimator.files.places import Place
-
-MAX_SHOWN = 40
-"""Maximum length of a value in an error [characters]; longer ones are cut off."""
-
-MAX_LISTED = 8
-"""Maximum number of names of tensors listed in an error."""
+from neuroanimator.text import listed
 
 MAX_NAME = 20
 """Maximum length of a tensor's name in an error [characters]; longer ones are cut off."""
@@ -73,11 +69,10 @@ def check_range(
 
 def whole_number(path: Place, metadata: Metadata, key: str, maximum: int) -> int:
     """Return the value of `key` in `metadata`; BadFileError unless it is a whole number from 0 to `maximum`."""
-    value = metadata.get(key)
-    if type(value) is not int or not 0 <= value <= maximum:
-        shown = str(value)[:MAX_SHOWN]
-        refuse(path, f"{key} is {shown!r}; wanted a whole number from 0 to {maximum:,}")
-    return value
+    try:
+        return whole(metadata.get(key), key, 0, maximum)
+    except ValueError as error:
+        refuse(path, str(error))
 
 
 def refuse(path: Place, fault: str) -> NoReturn:
@@ -86,4 +81,4 @@ def refuse(path: Place, fault: str) -> NoReturn:
 
 
 def _listed(names: dict[str, Any]) -> str:
-    return ", ".join(name[:MAX_NAME] for name in sorted(names)[:MAX_LISTED]) or "none"
+    return listed(name[:MAX_NAME] for name in sorted(names)) or "none"
