@@ -24,7 +24,7 @@ from neuroanimator.learn.data.generate import simulate_transitions
 from neuroanimator.learn.data.store import Transitions
 from neuroanimator.learn.evaluation.accuracy import one_step_error, root_mean_square
 from neuroanimator.learn.evaluation.evaluate import THOROUGH, Evaluation, EvaluationBudget, evaluate
-from neuroanimator.learn.evaluation.held_out import held_out_runs, system_of
+from neuroanimator.learn.evaluation.held_out import held_out_runs, make_test, system_of
 from neuroanimator.learn.evaluation.speed import (
     IN_C,
     IN_JAX,
@@ -206,7 +206,13 @@ def few_transitions(emulator: Emulator) -> Transitions:
 def shifted_error(emulator: Emulator, budget: EvaluationBudget) -> float:
     """Return the one-step error under controls training hardly saw: full range, another at every super step."""
     seconds = RUN_STEPS * emulator.dt
-    test = held_out_runs(emulator, count=budget.runs, seconds=seconds, is_shifted=True)
+    usual = held_out_runs(emulator, count=budget.runs, seconds=seconds)
+    system = usual.system
+    shares = np.random.default_rng(0).uniform(-1, 1, usual.controls.shape)
+    controls = system.bounds.middle + shares * system.bounds.half
+    runs = system.simulate(usual.states[:, 0], controls, emulator.dt, scheme=system.fine)
+    is_whole = ~runs.has_diverged
+    test = make_test(system, emulator.dt, runs.states[is_whole], controls[is_whole])
     return float(root_mean_square(one_step_error(emulator, test)))
 
 

@@ -141,7 +141,8 @@ def test_blocks_are_equally_long_wherever_shards_end(stored: StoredTransitions, 
     blocks = list(super_steps(stored))
     assert len({len(block.states) for block in blocks[:-1]}) == 1
     assert np.array_equal(np.concatenate([block.states for block in blocks]), read.states[:, 0])
-    assert np.array_equal(np.concatenate([block.following for block in blocks]), read.states[:, 1])
+    ends = np.concatenate([block.next_states for block in blocks])
+    assert np.array_equal(ends, read.states[:, 1])
 
 
 def test_a_damaged_shard_is_said_before_anything_is_measured(

@@ -81,18 +81,18 @@ def _pieces_of(windows: Transitions, size: int) -> Iterator[Transitions]:
         yield windows.where(slice(last - size, last))
 
 
-class SuperStepRows(NamedTuple):
-    """Training examples: states, the controls applied there, the states a super step later."""
+class SuperSteps(NamedTuple):
+    """Super steps one by one: states, the controls applied there, the states a super step later."""
 
     states: Float[np.ndarray, "N S"]
     controls: Float[np.ndarray, "N C"]
-    following: Float[np.ndarray, "N S"]
+    next_states: Float[np.ndarray, "N S"]
 
 
-def super_steps(data: Dataset) -> Iterator[SuperStepRows]:
+def super_steps(data: Dataset) -> Iterator[SuperSteps]:
     """Yield all training examples of `data` in order, `STEPS_AT_ONCE` at a time; the last batch may be smaller."""
     for windows in recut(data.parts(unroll=1), STEPS_AT_ONCE):
-        yield SuperStepRows(windows.states[:, 0], windows.controls[:, 0], windows.states[:, 1])
+        yield SuperSteps(windows.states[:, 0], windows.controls[:, 0], windows.states[:, 1])
 
 
 def first_windows(data: Dataset, count: int) -> Transitions:

@@ -61,7 +61,7 @@ def _ridge(data: Dataset, test: HeldOut) -> Float[np.ndarray, "F V"]:
     count = 0
     for steps in super_steps(data):
         before = np.asarray(steps.states, float)
-        after = np.asarray(steps.following, float)
+        after = np.asarray(steps.next_states, float)
         inputs = _linear_features(test, before, steps.controls)
         gram = gram + inputs.T @ inputs
         moment = moment + inputs.T @ test.frame.remainder(before, after)

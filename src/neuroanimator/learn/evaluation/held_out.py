@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.codegen.cores import core_count
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.normaliser import MIN_CHANGE, varies
+from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.emulator.spec import GAINS, EmulatorSpec
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.learn.data.config import RUN_STEPS
 from neuroanimator.learn.data.sampling import sample_starts
 from neuroanimator.learn.data.store import Dataset
+from neuroanimator.learn.data.stored import SuperSteps
+from neuroanimator.learn.training.validation import usual_change
 from neuroanimator.physics import carried_system
 from neuroanimator.state.arrays import as_rows
 from neuroanimator.state.body_frame import Frame
@@ -39,14 +40,6 @@ MAX_TRANSITIONS = 1_600
 
 SAME_TIME = 1e-9
 """Difference below which two super steps are the same [s]."""
-
-
-class SuperSteps(NamedTuple):
-    """Super steps one by one."""
-
-    states: Float[np.ndarray, "N S"]
-    controls: Float[np.ndarray, "N C"]
-    next_states: Float[np.ndarray, "N S"]
 
 
 @dataclass(frozen=True)
@@ -174,13 +167,11 @@ def held_out_runs(
     seconds: float | None = None,
     seed: int = 0,
     *,
-    is_shifted: bool = False,
     scheme: Scheme | None = None,
 ) -> HeldOut:
     """Return `count` unseen runs of the emulator's system under random, never idle controls, by its `fine` scheme or `scheme`.
 
-    They last `HELD_OUT_SECONDS` by default, longer for a slow system. Shifted ones use the full range and a new control at
-    every super step, which training seldom saw.
+    They last `HELD_OUT_SECONDS` by default, longer for a slow system.
     """
     rng = np.random.default_rng([HELD_OUT_SEED, seed])
     system = system_of(emulator)
@@ -191,8 +182,6 @@ def held_out_runs(
     threads = core_count()
     starts = sample_starts(system, rng, count, threads)
     controls = sample_control_runs(rng, count, steps, dt, system)
-    if is_shifted:
-        controls = system.bounds.middle + rng.uniform(-1, 1, controls.shape) * system.bounds.half
     runs = system.simulate(starts, controls, dt, scheme=scheme or system.fine, threads=threads)
     return make_test(system, dt, runs.states[~runs.has_diverged], controls[~runs.has_diverged])
 
@@ -208,11 +197,7 @@ def make_test(
         raise ArgumentError(
             f"{system.name}: every test run diverged in the physics itself. Use a smaller step."
         )
-    changes = Frame.of(system.structure, dt).difference(states[:, :-1], states[:, 1:])
-    deviation = changes.std(axis=(0, 1))
-    is_varied = varies(changes.mean(axis=(0, 1)), deviation)
-    scale = system.structure.common_scale(np.where(is_varied, deviation, 0))
-    test = HeldOut(system, dt, states, controls, scale)
+    test = HeldOut(system, dt, states, controls, usual_change(system.structure, states))
     if not test.moves.any():
         raise ArgumentError(
             f"{system.name}: nothing changes by {MIN_CHANGE:g} of its unit in a super step."

@@ -15,17 +15,17 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import minimize_scalar
 
 from neuroanimator.codegen.cores import core_count
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import LEVELS, ErrorBounds, errors_in, log_scores
-from neuroanimator.emulator.normaliser import varies
 from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.data.sampling import sample_starts
 from neuroanimator.learn.data.store import Dataset
 from neuroanimator.learn.training.optimised_controls import optimised_controls
+from neuroanimator.learn.training.validation import usual_change
 from neuroanimator.physics import carried_system
-from neuroanimator.state.body_frame import Frame
 from neuroanimator.state.slowness import slowness
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.random_controls import sample_control_runs
@@ -52,14 +52,11 @@ LEAST_ERROR = 1e-6
 MOST_ERROR = 1e6
 """Maximum error, which also stands for NaN: the rollout has diverged."""
 
-RIDGE = 1e-6
-"""Curvature added to the regression, so that equal scores do no harm."""
+STEEPEST = 10.0
+"""Maximum power of the scores with which errors are expected to grow."""
 
-BANDWIDTHS = (0.5, 0.2, 0.1, 0.05)
-"""Bandwidths of the smoothed quantile loss, in logarithms of errors: from easy to exact."""
-
-NEWTON_STEPS = 12
-"""Number of Newton steps with each bandwidth."""
+ROUNDING = 1e-9
+"""Relative difference of two losses that is none."""
 
 
 class UnseenRuns(NamedTuple):
@@ -149,7 +146,7 @@ def with_error_bounds(
 
     Raises ArgumentError if there are too few runs.
     """
-    unit = _usual_change(structure, random.states)
+    unit = usual_change(structure, random.states)
     measured = [_measured(emulator, structure, unit, runs) for runs in (random, *optimised)]
     centre = measured[0].size.mean(axis=0)
     kinds = [measured[:1]]
@@ -162,16 +159,6 @@ def with_error_bounds(
         centre=centre.astype(np.float32),
     )
     return replace(emulator, calibration=calibration)
-
-
-def _usual_change(
-    structure: Structure, states: Float[np.ndarray, "B F S"]
-) -> Float[np.ndarray, " V"]:
-    """Return the standard deviation of each number's change in a super step; 0 where it does not vary."""
-    changes = Frame.of(structure, 0.0).difference(states[:, :-1], states[:, 1:])
-    deviation = changes.std(axis=(0, 1))
-    is_varied = varies(changes.mean(axis=(0, 1)), deviation)
-    return structure.common_scale(np.where(is_varied, deviation, 0))
 
 
 class _Measured(NamedTuple):
@@ -224,11 +211,8 @@ def conformal_quantile(
 
     Each counts by its `share`. It is the ⌈level (N + 1)⌉-th smallest if all count alike (Papadopoulos et al., 2002).
     """
-    order = np.argsort(values)
-    reached = np.cumsum(share[order]) / share.sum()
-    wanted = level * (len(values) + 1) / len(values)
-    place = int(np.searchsorted(reached, wanted - 1e-12))
-    return float(values[order][min(place, len(values) - 1)])
+    wanted = min(level * (len(values) + 1) / len(values) - 1e-12, 1.0)
+    return float(np.quantile(values, wanted, weights=share, method="inverted_cdf"))
 
 
 def quantile_line(
@@ -239,20 +223,18 @@ def quantile_line(
 ) -> Float[np.ndarray, " 2"]:
     """Return (a, b), b at least 0, such that a share `level` of the errors lies below a + b size, at about any size.
 
-    It is quantile regression (Koenker and Bassett, 1978), its loss smoothed by a logistic kernel and minimised by Newton.
+    It is quantile regression (Koenker and Bassett, 1978): for every b the best a is a quantile, and the loss with it is convex.
     """
-    inputs = np.stack([np.ones_like(size), size], axis=1)
-    line = np.array([np.quantile(error, level), 0.0])
-    ridge = RIDGE * len(error) * np.eye(2)
-    for bandwidth in BANDWIDTHS:
-        for _ in range(NEWTON_STEPS):
-            left = (error - inputs @ line) / bandwidth
-            below = 0.5 * (1 - np.tanh(left / 2))
-            slope = inputs.T @ (share * (below - level))
-            bend = share * below * (1 - below) / bandwidth
-            step = np.linalg.solve((inputs * bend[:, None]).T @ inputs + ridge, slope)
-            # No step beyond the range where the curvature is valid.
-            line = line - step / max(1.0, np.abs(inputs @ step).max())
-    if line[1] < 0:
-        return np.array([np.quantile(error, level), 0.0])
-    return line
+
+    def offset(slope: float) -> float:
+        left = error - slope * size
+        return float(np.quantile(left, level, weights=share, method="inverted_cdf"))
+
+    def loss(slope: float) -> float:
+        left = error - offset(slope) - slope * size
+        return float(share @ np.maximum(level * left, (level - 1) * left))
+
+    slope = float(minimize_scalar(loss, bounds=(0, STEEPEST), method="bounded").x)
+    if loss(0.0) <= loss(slope) * (1 + ROUNDING):  # equal scores say nothing
+        slope = 0.0
+    return np.array([offset(slope), slope])

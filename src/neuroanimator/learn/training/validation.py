@@ -12,9 +12,11 @@ from jaxtyping import Array, Float
 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.emulator.normaliser import varies
 from neuroanimator.emulator.super_step import rollout_latent
 from neuroanimator.emulator.verdict import ValidationErrors, WindowErrors
 from neuroanimator.state.body_frame import Frame
+from neuroanimator.state.structure import Structure
 
 NOISE_SEED = 3
 """Seed of the noise added to states."""
@@ -119,6 +121,16 @@ def _following(
     emulator: Emulator, states: Float[Array, "N I"], controls: Float[Array, "N C"]
 ) -> Float[Array, "N I"]:
     return jax.vmap(emulator.step_latent_unbounded)(states, controls)
+
+
+def usual_change(
+    structure: Structure, states: Float[np.ndarray, "B F S"]
+) -> Float[np.ndarray, " V"]:
+    """Return the standard deviation of each number's change in a super step; 0 where it does not vary."""
+    changes = Frame.of(structure, 0.0).difference(states[:, :-1], states[:, 1:])
+    deviation = changes.std(axis=(0, 1))
+    is_varied = varies(changes.mean(axis=(0, 1)), deviation)
+    return structure.common_scale(np.where(is_varied, deviation, 0))
 
 
 def coasted(

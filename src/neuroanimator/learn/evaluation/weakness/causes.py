@@ -13,13 +13,14 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.learn.data.shortcomings import shortcomings
 from neuroanimator.learn.data.store import Dataset
+from neuroanimator.learn.data.stored import SuperSteps
 from neuroanimator.learn.evaluation.accuracy import bounded, step_differences, step_errors
 from neuroanimator.learn.evaluation.component_errors import (
     ComponentError,
     change_names,
     component_errors,
 )
-from neuroanimator.learn.evaluation.held_out import HeldOut, SuperSteps, make_test
+from neuroanimator.learn.evaluation.held_out import HeldOut, make_test
 from neuroanimator.learn.evaluation.weakness.conditions import WeakSpot, find_spots
 from neuroanimator.learn.evaluation.weakness.readings import (
     Reading,
