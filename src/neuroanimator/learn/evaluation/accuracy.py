@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,7 @@ from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.learn.evaluation.held_out import HeldOut
 from neuroanimator.learn.training.validation import noise_differences
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.systems.system import Runs, Scheme
+from neuroanimator.systems.system import Runs, Scheme, System
 
 LOST = 1e3
 """Magnitude of error that stands for larger and non-finite ones."""
@@ -87,6 +88,14 @@ def unseen_errors(emulator: Emulator, test: HeldOut, seconds: float) -> tuple[fl
     errors = rollout_error(test.frame, emulated, test.states)
     error = np.nan_to_num(error_after(errors, emulator.dt, seconds), nan=np.inf)
     return float(root_mean_square(one_step_error(emulator, test))), float(error)
+
+
+def schemes_of(
+    system: System, dt: float, integrators: Sequence[str], divisions: Sequence[int]
+) -> set[Scheme]:
+    """Return the ways to step a system through `dt` [s]; the reference is among them, as it has no error."""
+    schemes = {Scheme(integrator, dt / parts) for integrator in integrators for parts in divisions}
+    return schemes | {system.scheme, system.truth, system.fine}
 
 
 def scheme_error(test: HeldOut, scheme: Scheme) -> float:

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.runner import program_of
 from neuroanimator.emulator.super_step import rollout
-from neuroanimator.learn.evaluation.accuracy import scheme_error
+from neuroanimator.learn.evaluation.accuracy import scheme_error, schemes_of
 from neuroanimator.learn.evaluation.held_out import HeldOut
 from neuroanimator.learn.evaluation.speed_function import (
     FUNCTION_STEPS,
@@ -35,10 +35,10 @@ from neuroanimator.learn.evaluation.speed_function import (
 )
 from neuroanimator.learn.evaluation.speed_mass_spring import (
     deformable_players,
-    deformable_schemes,
     twin_error,
 )
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
+from neuroanimator.physics.deformable.native.compiled import INTEGRATORS
 from neuroanimator.physics.functions.function_system import FUNCTION, PythonSystem
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.physics.rigid.warnings import warnings_counted
@@ -141,13 +141,13 @@ def _timed_physics(test: HeldOut) -> _TimedPhysics:
         return _TimedPhysics(PYTHON_FUNCTION, players, FUNCTION_STEPS, schemes, function_error)
     if isinstance(system, DeformableSystem):
         name, players = deformable_players(system, test, PHYSICS_STEPS, PIECES)
-        schemes = deformable_schemes(system, test.dt, OPPONENT_DIVISIONS)
+        schemes = schemes_of(system, test.dt, INTEGRATORS, OPPONENT_DIVISIONS)
         return _TimedPhysics(name, players, PHYSICS_STEPS, schemes, twin_error)
     if isinstance(system, SoftSystem):
         integrator = system.scheme.integrator
         players = {integrator: soft_player(system, test)}
         steps = SOFT_FRAMES * system.scheme.steps(test.dt)
-        schemes = soft_schemes(system, test.dt)
+        schemes = schemes_of(system, test.dt, [integrator], SOFT_DIVISIONS)
         return _TimedPhysics(SOFT_NAMES[integrator], players, steps, schemes, scheme_error)
     assert isinstance(system, MujocoSystem)
     players = {name: physics_player(system, test, name) for name in system.integrators}
@@ -304,9 +304,3 @@ def soft_player(system: SoftSystem, test: HeldOut) -> Callable[[], None]:
         system.scene.play(motion, paths, test.dt, steps)
 
     return play
-
-
-def soft_schemes(system: SoftSystem, dt: float) -> set[Scheme]:
-    """Return the ways to step the body through `dt` [s]; the reference is among them, as it has no error."""
-    schemes = {Scheme(system.scheme.integrator, dt / parts) for parts in SOFT_DIVISIONS}
-    return schemes | {system.scheme, system.truth, system.fine}

@@ -6,10 +6,8 @@ import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
 
-import numpy as np
-
 from neuroanimator.errors import BadFileError
-from neuroanimator.learn.evaluation.accuracy import scheme_error
+from neuroanimator.learn.evaluation.accuracy import scheme_error, schemes_of
 from neuroanimator.learn.evaluation.held_out import HeldOut
 from neuroanimator.physics.functions.function_system import FUNCTION, PythonSystem
 from neuroanimator.physics.functions.step_file import call_step
@@ -27,12 +25,9 @@ FUNCTION_STEPS = 500
 
 def function_player(system: PythonSystem, test: HeldOut) -> Callable[[], None]:
     """Return a function that takes `FUNCTION_STEPS` steps, each from an unseen state under its control."""
-    count = test.controls.shape[0] * test.controls.shape[1]
-    rows = np.random.default_rng(0).integers(0, count, FUNCTION_STEPS)
-    whole = test.states[:, :-1].reshape(-1, system.state.size)[rows]
-    states = whole[:, : system.parameter_entries.start]
-    bodies = [system.arguments_of(state) for state in whole]
-    controls = test.controls.reshape(-1, system.control.size)[rows]
+    starts, controls = test.moments(FUNCTION_STEPS)
+    states = starts[:, : system.parameter_entries.start]
+    bodies = [system.arguments_of(start) for start in starts]
     function = system.function
     dt = system.physics_dt
 
@@ -58,11 +53,7 @@ def function_error(test: HeldOut, scheme: Scheme) -> float:
 
 
 def function_schemes(system: PythonSystem, dt: float, divisions: tuple[int, ...]) -> set[Scheme]:
-    """Return the ways to step the function through `dt` [s]; the reference is among them, as it has no error.
-
-    A function is never called with a smaller dt than its reference: it may not support that.
-    """
-    schemes = {Scheme(FUNCTION, dt / parts) for parts in divisions}
-    schemes |= {system.scheme, system.truth, system.fine}
+    """Return the ways to step the function through `dt` [s]: never with a smaller one than its reference, which may fail."""
     smallest = system.fine.dt * (1 - ROUNDING)
-    return {scheme for scheme in schemes if scheme.dt >= smallest}
+    every = schemes_of(system, dt, [FUNCTION], divisions)
+    return {scheme for scheme in every if scheme.dt >= smallest}

@@ -97,11 +97,3 @@ def twin_error(test: HeldOut, scheme: Scheme) -> float:
     ends = twin.advance(starts, controls, scheme.integrator, scheme.dt, scheme.steps(test.dt))
     states = np.stack([starts, ends], axis=1)
     return runs_error(test, Runs(states, system.has_diverged(states)))
-
-
-def deformable_schemes(
-    system: DeformableSystem, dt: float, divisions: tuple[int, ...]
-) -> set[Scheme]:
-    """Return the ways to step the body through `dt` [s]; the reference is among them, as it has no error."""
-    schemes = {Scheme(integrator, dt / parts) for integrator in INTEGRATORS for parts in divisions}
-    return schemes | {system.scheme, system.truth, system.fine}
