@@ -17,6 +17,7 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.learn.data.sampling import sample_starts
 from neuroanimator.learn.evaluation.accuracy import emulate
 from neuroanimator.learn.evaluation.held_out import system_of
+from neuroanimator.state.pose import read_pose
 from neuroanimator.state.rotation import rotation_rows
 from neuroanimator.systems.random_controls import sample_control_runs
 from neuroanimator.systems.system import System
@@ -115,11 +116,12 @@ def quantities(
     energies = system.kinetic_energies(states)
     if energies is not None:
         found["kinetic energy"] = energies
-    found["speed"] = _speeds(system, states)
-    cloud = system.structure.cloud
-    if cloud is not None:
-        positions = states[:, : 3 * cloud.count].reshape(len(states), -1, 3)
-        found["tilt"] = _tilts(cloud.orientation(positions))
+    if system.structure.cloud is not None:
+        pose = read_pose(system.structure, states)
+        found["speed"] = np.linalg.norm(pose.velocity, axis=1)
+        found["tilt"] = np.arccos(np.clip(pose.upward[:, 2], -1, 1))
+    else:
+        found["speed"] = _speeds(system, states)
     for entry, _ in system.structure.orientations:
         name = system.state.names[entry].rsplit(".", 1)[0].rsplit("[", 1)[0]
         found[f"tilt of {name}"] = _tilts(states[:, entry : entry + 4])
@@ -132,11 +134,6 @@ def quantities(
 
 
 def _speeds(system: System, states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, " N"]:
-    cloud = system.structure.cloud
-    if cloud is not None:
-        size = 3 * cloud.count
-        velocities = states[:, size : 2 * size].reshape(len(states), -1, 3)
-        return np.linalg.norm(cloud.centroid(velocities), axis=1)
     for unit in ("m/s", "rad/s"):
         parts = [part.name for part in system.state.slices if part.unit == unit]
         if parts:

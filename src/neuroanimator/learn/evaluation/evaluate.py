@@ -47,9 +47,6 @@ from neuroanimator.learn.evaluation.weakness.inspection import INSPECTED_RUNS, I
 from neuroanimator.terminal import phase
 from neuroanimator.text import listed
 
-MAX_NAMED = 6
-"""Maximum number of state entries named in a note; the others are counted."""
-
 INSPECTED_PER_RUN = INSPECTED_RUNS // HELD_OUT_RUNS
 """Number of inspected runs per finely simulated run."""
 
@@ -215,11 +212,8 @@ class Evaluation:
         if self.departures:
             sentences.append(f"{departures_in_words(self.departures).capitalize()}.")
         if self.still:
-            shown = ", ".join(self.still[:MAX_NAMED])
-            left_out = len(self.still) - MAX_NAMED
-            more = f" and {left_out} more" if left_out > 0 else ""
             sentences.append(
-                f"Left out of all errors, since its change never varies: {shown}{more}."
+                f"Left out of all errors, since its change never varies: {listed(self.still)}."
             )
         return " ".join(sentences)
 

@@ -6,13 +6,14 @@ found.states[3].counts  # a histogram
 
 from __future__ import annotations
 
-import math
+import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+from pydantic_core import to_json
 
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.places import Place, place_of
@@ -160,7 +161,7 @@ class Coverage:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain lists and numbers."""
-        return as_plain(asdict(self))
+        return as_plain(self)
 
 
 def coverage(data: Dataset | str | Place) -> Coverage:
@@ -297,14 +298,6 @@ def _efforts(system: System, controls: Float[np.ndarray, "B T C"]) -> Float[np.n
     return np.sqrt(np.mean(((controls - system.bounds.middle) / half) ** 2, axis=(1, 2)))
 
 
-def as_plain(value: Any) -> Any:
-    """Return `value` with lists instead of arrays and tuples, and None for numbers that JSON cannot write."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, dict):
-        return {key: as_plain(inner) for key, inner in value.items()}
-    if isinstance(value, tuple | list):
-        return [as_plain(inner) for inner in value]
-    return value
+def as_plain(result: Any) -> Any:
+    """Return a dataclass as plain lists and numbers, with None for numbers that JSON cannot write."""
+    return json.loads(to_json(result, inf_nan_mode="null", fallback=np.ndarray.tolist))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -86,7 +86,7 @@ class Inspection:
 
     def to_json(self) -> dict[str, Any]:
         """Return the figures as plain lists and numbers; worst segments without their states."""
-        found = as_plain(asdict(self))
+        found = as_plain(self)
         for segment in found["worst"]:
             for name in ("physics", "emulated", "controls", "curves"):
                 del segment[name]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import equinox as eqx
@@ -77,11 +78,11 @@ class RoundTrainer:
     guard: HeldOut
     """Usual motions by which emulators are accepted or rejected."""
     config: ImprovementConfig
-    usual_error: float = field(init=False)
-    """Error of the given emulator on the guard."""
 
-    def __post_init__(self):
-        self.usual_error = error_on(self.given, self.guard)
+    @cached_property
+    def usual_error(self) -> float:
+        """Error of the given emulator on the guard."""
+        return error_on(self.given, self.guard)
 
     def learn(
         self,
