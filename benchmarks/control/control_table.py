@@ -12,6 +12,7 @@ from benchmarks.control.baselines.ilqr import is_usable_on
 from benchmarks.control.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
 from benchmarks.control.control_plot import Panel
 from benchmarks.control.first_controller import cold_seconds
+from benchmarks.control.solve_trial import gradient_cosine, solve_trial
 from benchmarks.harness import quartiles
 from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
@@ -101,7 +102,7 @@ def measure_tasks(tasks: list[Task], budget: ControlBudget) -> tuple[Rows, list[
 def measure_task(task: Task, budget: ControlBudget) -> tuple[Rows, Panel]:
     """Return the emulator's row and its baselines', and their first runs; compiling is not counted on either side."""
     solver = Solver.shipped(task)
-    solver.solve(solver.draw(WARM_UP_TRIAL), is_warm_up=True)
+    solve_trial(solver, solver.draw(WARM_UP_TRIAL), is_warm_up=True)
     solved = [_solve(solver, number) for number in range(budget.trials)]
     compared = _compared(solved, budget)
     runs = {}
@@ -109,7 +110,7 @@ def measure_task(task: Task, budget: ControlBudget) -> tuple[Rows, Panel]:
         runs[name] = [run_for(name, solver, one_solved, budget) for one_solved in compared]
     cosines = []
     for number, one_solved in enumerate(solved[: budget.cosines]):
-        cosines.append(solver.cosine(one_solved.trial, number))
+        cosines.append(gradient_cosine(solver, one_solved.trial, number))
     emulator_row = row_of_emulator(solver, solved, cosines) | speed_up(compared, runs)
     rows = [emulator_row]
     for name, runs_of_name in runs.items():
@@ -121,7 +122,7 @@ def measure_task(task: Task, budget: ControlBudget) -> tuple[Rows, Panel]:
 
 def _solve(solver: Solver, number: int) -> Solved:
     trial = solver.draw(number)
-    synthesis, seconds = solver.solve(trial)
+    synthesis, seconds = solve_trial(solver, trial)
     return Solved(trial, synthesis, seconds)
 
 

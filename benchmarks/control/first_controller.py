@@ -41,11 +41,12 @@ def _seconds_of_process(task: str) -> float:
 def main() -> None:
     """Solve the first trial of the task that the command line names."""
     # Not at the top, and not what the table needs besides: plots and baselines would be waited for, too.
+    from benchmarks.control.solve_trial import solve_trial
     from neuroanimator.learn.tasks.all_tasks import TASKS
     from neuroanimator.learn.tasks.solver import Solver
 
     solver = Solver.shipped(TASKS[sys.argv[1]])
-    solver.solve(solver.draw(MEASURED_TRIAL))
+    solve_trial(solver, solver.draw(MEASURED_TRIAL))
 
 
 if __name__ == "__main__":

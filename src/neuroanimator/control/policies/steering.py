@@ -34,7 +34,7 @@ def steer_left(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget
 
     `angle` and `speed` [m/s] are one for all or (*B); a negative angle is to the right.
     """
-    direction = _rotated_toward(leftward(pose), pose.forward, angle)
+    direction = rotated_toward(leftward(pose), pose.forward, angle)
     return SteeringTarget(direction, for_each(speed, pose.forward))
 
 
@@ -43,7 +43,7 @@ def steer_down(pose: Pose, angle: ArrayLike, speed: ArrayLike) -> SteeringTarget
 
     `angle` and `speed` [m/s] are one for all or (*B); a negative angle is above.
     """
-    direction = _rotated_toward(-upright(pose), pose.forward, angle)
+    direction = rotated_toward(-upright(pose), pose.forward, angle)
     return SteeringTarget(direction, for_each(speed, pose.forward))
 
 
@@ -85,7 +85,7 @@ def _dot(
     return left.__array_namespace__().sum(left * right, axis=-1)
 
 
-def _rotated_toward(
+def rotated_toward(
     side: Float[AnyArray, "*B 3"], forward: Float[AnyArray, "*B 3"], angle: ArrayLike
 ) -> Float[AnyArray, "*B 3"]:
     """Return `forward` rotated by `angle` [rad] toward the orthogonal `side`."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -21,13 +19,6 @@ WINDOWS = 48
 
 EVERY = 8
 """Default number of super steps between estimates."""
-
-
-class _Window(NamedTuple):
-    """Consecutive super steps."""
-
-    states: Float[np.ndarray, "F S"]
-    controls: Float[np.ndarray, "T C"]
 
 
 class ParameterEstimator:
@@ -58,7 +49,17 @@ class ParameterEstimator:
         self._moving = np.setdiff1d(np.arange(emulator.state.size), self._entries)
         self.values: Float[np.ndarray, " P"] = emulator.rest[self._entries].copy()
         """The last estimate, in the order of `emulator.parameters`."""
-        self._remembered: deque[_Window] = deque(maxlen=windows)
+        shape = (windows, SHORTEST + 1, emulator.state.size)
+        # Missing windows are NaN, so that their number is fixed and nothing is recompiled.
+        self._windows = Measurements(
+            measured=np.full(shape, np.nan),
+            controls=np.tile(emulator.bounds.idle, (windows, SHORTEST, 1)),
+            guess=np.full(shape, emulator.rest),
+            names=(),
+            entries=tuple(self._moving.tolist()),
+            files=(),
+        )
+        self._remembered = 0
         self._states: list[Float[np.ndarray, " S"]] = []
         self._controls: list[Float[np.ndarray, " C"]] = []
         self._observed = 0
@@ -83,7 +84,13 @@ class ParameterEstimator:
         self._states.append(following)
         self._controls.append(control)
         if len(self._controls) == SHORTEST:
-            self._remembered.append(_Window(np.stack(self._states), np.stack(self._controls)))
+            place = self._remembered % self.windows
+            states = np.stack(self._states)
+            self._windows.guess[place] = states
+            measured = self._windows.measured[place]
+            measured[1:, self._moving] = states[1:, self._moving]
+            self._windows.controls[place] = self._controls
+            self._remembered += 1
             self._states = [following]
             self._controls = []
         self._observed += 1
@@ -95,10 +102,9 @@ class ParameterEstimator:
         return not np.array_equal(state[self._moving], self._states[-1][self._moving])
 
     def _estimate(self) -> None:
-        windows = self._windows_of_fixed_number()
-        unknowns = unknowns_of(self.emulator, windows)
-        predictor = Predictor(self.emulator, windows, unknowns, knows_starts=True)
-        fitter = Fitter(windows, predictor, unknowns)
+        unknowns = unknowns_of(self.emulator, self._windows)
+        predictor = Predictor(self.emulator, self._windows, unknowns, knows_starts=True)
+        fitter = Fitter(self._windows, predictor, unknowns)
         begin = np.clip(self.values, unknowns.low, unknowns.high)
         first = replace(fitter.first_guess(), values=begin)
         if self._noise is not None:
@@ -106,16 +112,3 @@ class ParameterEstimator:
         fit = fitter.fitted(first, predictor.by_emulator).fit
         self.values = fit.values
         self._noise = fit.noise
-
-    def _windows_of_fixed_number(self) -> Measurements:
-        """Return the windows, with NaN in place of missing ones, so that nothing is recompiled."""
-        shape = (self.windows, SHORTEST + 1, self.emulator.state.size)
-        states = np.full(shape, self.emulator.rest)
-        measured = np.full(shape, np.nan)
-        controls = np.tile(self.emulator.bounds.idle, (self.windows, SHORTEST, 1))
-        for place, window in enumerate(self._remembered):
-            states[place] = window.states
-            measured[place, 1:] = window.states[1:]
-            controls[place] = window.controls
-        measured[..., self._entries] = np.nan
-        return Measurements(measured, controls, states, (), tuple(self._moving.tolist()), ())

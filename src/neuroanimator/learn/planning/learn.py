@@ -9,7 +9,7 @@ import numpy as np
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.learn.data.store import Transitions
+from neuroanimator.learn.data.store import Transitions, windows_of
 from neuroanimator.learn.finetune import REFINING_UPDATES, train_on
 from neuroanimator.learn.planning.environments import Episode
 
@@ -34,25 +34,23 @@ def with_episodes(data: Transitions, episodes: Sequence[Episode]) -> Transitions
     A super step that the environment ended early is left out. Raises ArgumentError if no episode is as long as a window.
     """
     length = data.system.window_steps
-    states = []
-    controls = []
-    runs = []
-    for number, episode in enumerate(episodes):
-        firsts = np.arange(episode.whole_steps - length + 1)
-        states.append(episode.states[firsts[:, None] + np.arange(length + 1)])
-        controls.append(episode.controls[firsts[:, None] + np.arange(length)])
-        runs.append(np.full(len(firsts), number))
-    count = sum(map(len, runs))
-    if not count:
+    if all(episode.whole_steps < length for episode in episodes):
         raise ArgumentError(f"episodes: wanted one of at least {length} super steps.")
+    windows = []
+    for number, episode in enumerate(episodes):
+        tensors = {
+            "states": episode.states[None],
+            "controls": episode.controls[None],
+            "samples": np.arange(episode.whole_steps - length + 1)[None],
+            "segments": np.array([number]),
+        }
+        windows.append(windows_of(tensors, length))
+    states, controls, runs = (np.concatenate(parts) for parts in zip(*windows, strict=True))
     wanted = SEEN_SHARE / (1 - SEEN_SHARE) * len(data.states)
-    times = max(1, round(wanted / count))
-    seen_states = np.concatenate(states).astype(np.float32)
-    seen_controls = np.concatenate(controls).astype(np.float32)
-    seen_runs = np.concatenate(runs) + data.run.max() + 1
+    times = max(1, round(wanted / len(runs)))
     return replace(
         data,
-        states=np.concatenate([data.states, *[seen_states] * times]),
-        controls=np.concatenate([data.controls, *[seen_controls] * times]),
-        run=np.concatenate([data.run, *[seen_runs] * times]),
+        states=np.concatenate([data.states, *[states.astype(np.float32)] * times]),
+        controls=np.concatenate([data.controls, *[controls.astype(np.float32)] * times]),
+        run=np.concatenate([data.run, *[runs + data.run.max() + 1] * times]),
     )

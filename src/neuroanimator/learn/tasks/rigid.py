@@ -17,7 +17,7 @@ from neuroanimator.control.objective.costs import (
 from neuroanimator.control.objective.goals import goal_state, is_reached, reach_goal
 from neuroanimator.control.objective.objective import Moments, Objective
 from neuroanimator.control.objective.obstacles import Zone, avoid, distances, footprint, zone_rows
-from neuroanimator.learn.tasks.task import FREE, Aim, Task, Trial
+from neuroanimator.learn.tasks.task import FREE, Aim, Task, Trial, three
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.rotation import facing
@@ -187,7 +187,7 @@ def truck_outline() -> Float[np.ndarray, "P 2"]:
 
 def landing_objective(system: System, over_pad: float) -> Objective:
     """Return the objective of a soft landing: above the pad and upright at `over_pad` [s], from then on slowly down."""
-    x, y, z = (float(number) for number in system.rest[:3])
+    x, y, z = three(system.rest[:3])
     return Objective.of(
         effort(0.05),
         reach_goal(system, system.goals["pad"]),
@@ -210,7 +210,6 @@ def land(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     start[3:7] = facing(np.array(heading))
     start[7:13] = rng.normal(size=6) * LANDER_START_VELOCITIES
     over_pad = steps * dt - FINAL_DESCENT_SECONDS
-    x, y, z = (float(number) for number in system.rest[:3])
     objective = landing_objective(system, over_pad)
 
     def has_landed_softly(states: np.ndarray) -> bool:
@@ -219,7 +218,9 @@ def land(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tri
     def has_crashed(states: np.ndarray) -> bool:
         return has_touched(system, states) and not is_soft_landing(system, states)
 
-    return Trial(start, objective, has_landed_softly, aim=Aim((x, y, z)), has_failed=has_crashed)
+    return Trial(
+        start, objective, has_landed_softly, aim=Aim(three(system.rest[:3])), has_failed=has_crashed
+    )
 
 
 def has_touched(system: System, states: np.ndarray) -> bool:
@@ -244,10 +245,8 @@ def is_soft_landing(system: System, states: np.ndarray) -> bool:
 def lowest_foot(pose: Pose) -> np.ndarray:
     """Return the height of the lowest foot's sole above the ground (T,) [m]."""
     left = np.cross(pose.upward, pose.forward)
-    rises = []
-    for x, y, z in FEET:
-        rises.append(x * pose.forward[:, 2] + y * left[:, 2] + z * pose.upward[:, 2])
-    return pose.position[:, 2] + np.min(rises, axis=0) - FOOT_RADIUS
+    vertical = np.stack([pose.forward[:, 2], left[:, 2], pose.upward[:, 2]])
+    return pose.position[:, 2] + (np.array(FEET) @ vertical).min(axis=0) - FOOT_RADIUS
 
 
 RIGID_TASKS = (

@@ -17,9 +17,10 @@ from neuroanimator.control.objective.costs import (
     travel,
 )
 from neuroanimator.control.objective.objective import Objective
+from neuroanimator.control.policies.steering import leftward, rotated_toward
 from neuroanimator.files.zoo import SHIPPED_SYSTEMS
 from neuroanimator.learn.data.sampling import sample_starts
-from neuroanimator.learn.tasks.task import FREE, Aim, Task, Trial
+from neuroanimator.learn.tasks.task import FREE, Aim, Task, Trial, three
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.systems.system import System
@@ -227,12 +228,6 @@ def steps_of_a_period(system: System, dt: float) -> int:
     return math.ceil(system.gait.period / dt)
 
 
-def three(vector: np.ndarray) -> tuple[float, float, float]:
-    """Return `vector` (3,) as plain numbers."""
-    x, y, z = (float(number) for number in vector)
-    return x, y, z
-
-
 def body_length(system: System) -> float:
     """Return the length of a deformable body at rest [m]."""
     assert system.body_length is not None
@@ -252,8 +247,7 @@ def distance_ahead(system: System, pose: Pose, states: np.ndarray) -> float:
 
 def ahead(pose: Pose, angle: float) -> np.ndarray:
     """Return the direction (3,) `angle` [rad] to the left of where a body points, in the body's own XY plane."""
-    left = np.cross(pose.upward, pose.forward)
-    return math.cos(angle) * pose.forward + math.sin(angle) * left / np.linalg.norm(left)
+    return rotated_toward(leftward(pose), pose.forward, angle)
 
 
 def upright_tasks(
@@ -274,22 +268,22 @@ def upright_tasks(
     )
 
 
+def fish_tasks(system: str) -> tuple[Task, ...]:
+    """Return the tasks of a small swimmer."""
+    return upright_tasks(
+        system,
+        swim_by={"is_periodic": True, "method": "adam"},
+        turn_by={"knots": 16},
+        reach_by={"is_periodic": True},
+    )
+
+
 SECONDS = 3.0
 """Duration of motions [s]: long enough for the dolphin to rise from its initial depth, and for the fish to swim its length."""
 
 SWIMMER_TASKS = (
-    *upright_tasks(
-        "fish",
-        swim_by={"is_periodic": True, "method": "adam"},
-        turn_by={"knots": 16},
-        reach_by={"is_periodic": True},
-    ),
-    *upright_tasks(
-        "trout",
-        swim_by={"is_periodic": True, "method": "adam"},
-        turn_by={"knots": 16},
-        reach_by={"is_periodic": True},
-    ),
+    *fish_tasks("fish"),
+    *fish_tasks("trout"),
     *upright_tasks(
         "dolphin",
         swim_by={"method": "adam"},

@@ -77,3 +77,9 @@ class Task:
         if self.knots:
             return Spline.of(steps, self.knots, system.bounds)
         return EachStep.of(steps, system.bounds)
+
+
+def three(vector: np.ndarray) -> tuple[float, float, float]:
+    """Return `vector` (3,) as plain numbers."""
+    x, y, z = (float(number) for number in vector)
+    return x, y, z
