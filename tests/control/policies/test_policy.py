@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from neuroanimator import load_emulator, load_system
 from neuroanimator.control.policies.behaviours import (
     Tank,
-    avoid,
     pursue,
     school,
     stay_inside,
@@ -419,15 +418,12 @@ def test_fish_catch_what_they_pursue(policy: Policy, fish: DeformableSystem):
     assert distance.min() < 0.1 < distance[0]
 
 
-def test_forces_point_away_from_walls_places_and_neighbours():
+def test_forces_point_away_from_walls_and_neighbours():
     positions = np.array([[0.9, 0.0, 0.0], [0.85, 0.0, 0.0], [-0.9, 0.0, 0.4]])
     axes = np.tile([1.0, 0.0, 0.0], (3, 1)), np.tile([0.0, 0.0, 1.0], (3, 1))
     pose = Pose(jnp.asarray(positions), jnp.zeros((3, 3)), *map(jnp.asarray, axes))
     inward = np.asarray(stay_inside(pose, Tank((-1.0, -1.0, -0.5), (1.0, 1.0, 0.5)), 0.2))
     assert (np.sign(inward) == [[-1, 0, 0], [-1, 0, 0], [1, 0, -1]]).all()
-    away = np.asarray(avoid(pose, [[0.9, 0.05, 0.0]], 0.1))
-    assert away[0, 1] == pytest.approx(-0.5, abs=1e-3)
-    assert (away[2] == 0).all()
     apart = np.asarray(school(pose, spacing=0.2, reach=0.3))
     assert apart[0, 0] > apart[1, 0]
     assert np.isfinite(apart).all()

@@ -102,12 +102,6 @@ def pursue(pose: Pose, targets: ArrayLike) -> Float[Array, "B 3"]:
     return unit(jnp.asarray(targets) - pose.position)
 
 
-def avoid(pose: Pose, positions: ArrayLike, reach: float) -> Float[Array, "B 3"]:
-    """Return the force away from `positions` (K, 3) [m]: zero beyond `reach` [m], one at a position itself."""
-    offsets = pose.position[:, None] - jnp.asarray(positions)
-    return _repulsion(offsets, reach).sum(axis=1)
-
-
 def stay_inside(
     pose: Pose, tank: Tank, margin: float, *, ahead: float = 2.0
 ) -> Float[Array, "B 3"]:

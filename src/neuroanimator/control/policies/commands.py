@@ -25,8 +25,6 @@ from neuroanimator.files.numbers import number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds, Layout, Slice
 
-TURN = 2 * np.pi
-
 TINY = 1e-6
 
 MAX_RATE = 1e3
