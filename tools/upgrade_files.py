@@ -17,7 +17,7 @@ from typing import Any
 
 import jax
 
-from neuroanimator.control.policies.policy import blank_policy, policy_leaves
+from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.description import blank
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_leaves
@@ -105,8 +105,10 @@ def upgrade(path: Path) -> None:
     metadata["format"] = new_format
     if kind == "policy":
         metadata["emulator"]["format"] = FORMATS["emulator"][1]
-        tree = jax.eval_shape(lambda: blank_policy(metadata))
-        names = names_by_path(tree, policy_leaves)
+        tree = jax.eval_shape(
+            lambda: Policy._blank(metadata, blank(metadata["emulator"], Emulator))
+        )
+        names = names_by_path(tree, Policy.leaves)
     else:
         tree = jax.eval_shape(lambda: blank(metadata, Emulator))
         names = names_by_path(tree, emulator_leaves)

@@ -19,9 +19,10 @@ from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import ALL_ALONG, Objective
 from neuroanimator.control.synthesis.synthesise import Synthesis
 from neuroanimator.learn.planning.planner import Planner
-from neuroanimator.learn.planning.plants import PhysicsPlant, control_plant
+from neuroanimator.learn.planning.plants import control_plant
 from neuroanimator.learn.tasks.solver import Solver
 from neuroanimator.learn.tasks.task import Task, Trial
+from neuroanimator.systems.plants import PhysicsPlant
 from neuroanimator.terminal import progress_bar
 
 Rows = list[dict[str, Any]]

@@ -37,7 +37,7 @@ from benchmarks.following.commanded import (
 from benchmarks.following.following import RESULTS
 from benchmarks.harness import HUMAN, Rows, keep_rows, parser_of, show_rows
 from neuroanimator.cli.policy_returns import loaded_policy
-from neuroanimator.control.policies.state_policy import StatePolicy, policy_leaves
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.tensors import to_numpy
@@ -155,7 +155,7 @@ def speed(policy: StatePolicy, task: PolicyTask, system: MujocoSystem) -> dict[s
     states = as_float32(np.tile(starts, (COPIES, 1)))
     rows = RowFunction(
         walking_step,
-        lambda policy: [digest(to_numpy(policy_leaves(policy)))],
+        lambda policy: [digest(to_numpy(policy.leaves()))],
         lambda policy: [states],
     )
     in_c = rows.in_c(policy)

@@ -11,7 +11,6 @@ import jax
 import pytest
 
 from neuroanimator import Emulator, load_emulator, load_policy
-from neuroanimator.control.policies.policy import policy_leaves
 from neuroanimator.emulator.networks import NETWORKS, make_network
 from neuroanimator.emulator.networks.hierarchy import Hierarchy
 from neuroanimator.emulator.networks.network import Network, Part
@@ -104,5 +103,5 @@ def test_the_table_is_of_every_network_and_of_nothing_else():
 def test_the_tensors_of_a_policy_are_those_of_its_emulator_and_of_its_network():
     policy = load_policy("fish")
     emulator = {f"emulator.{name}" for name in expected_names(policy.emulator)}
-    names = without_numbers(policy_leaves(policy))
+    names = without_numbers(policy.leaves())
     assert names == emulator | network_names(policy.network)

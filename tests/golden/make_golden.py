@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from neuroanimator import DatasetConfig, Emulator, TrainingConfig
-from neuroanimator.control.policies.policy import Policy, fresh_policy, save_policy
+from neuroanimator.control.policies.policy import Policy, fresh_policy
 from neuroanimator.emulator.artifact import save
 from neuroanimator.learn.data.generate import simulate_transitions
 from neuroanimator.learn.training.initialise import build_emulator
@@ -73,9 +73,8 @@ def main() -> None:
         {"made by": "tests/golden/make_golden.py"},
     )
     fish = small_emulator("fish", widths=(4,), position_modes=3, velocity_modes=3)
-    save_policy(
-        fresh_policy(fish, RANGES, (4,), seed=7), POLICY, {"made by": "tests/golden/make_golden.py"}
-    )
+    policy = fresh_policy(fish, RANGES, (4,), seed=7)
+    policy.save(POLICY, {"made by": "tests/golden/make_golden.py"})
     cases = {
         "emulator": emulator_case(Emulator.load(EMULATOR)),
         "policy": policy_case(Policy.load(POLICY)),

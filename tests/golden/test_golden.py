@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from neuroanimator import Emulator
-from neuroanimator.control.policies.policy import FORMAT as POLICY_FORMAT
-from neuroanimator.control.policies.policy import Policy, save_policy
+from neuroanimator.control.policies.policy import Policy
 from neuroanimator.emulator.artifact import read_metadata, save
 from neuroanimator.emulator.description import FORMAT
 from neuroanimator.files.atomic import read_tensors
@@ -46,11 +45,8 @@ def test_the_golden_policy_steers_as_it_did(cases: dict[str, Any]):
 def test_a_golden_file_saved_again_has_the_same_bytes(tmp_path: Path):
     save(Emulator.load(EMULATOR), tmp_path / "e.safetensors", read_metadata(EMULATOR)["provenance"])
     assert (tmp_path / "e.safetensors").read_bytes() == EMULATOR.read_bytes()
-    save_policy(
-        Policy.load(POLICY),
-        tmp_path / "p.safetensors",
-        read_tensors(POLICY, "policy")[1]["provenance"],
-    )
+    provenance = read_tensors(POLICY, "policy")[1]["provenance"]
+    Policy.load(POLICY).save(tmp_path / "p.safetensors", provenance)
     assert (tmp_path / "p.safetensors").read_bytes() == POLICY.read_bytes()
 
 
@@ -58,4 +54,4 @@ def test_golden_files_are_small_and_of_the_format_that_is_written():
     assert EMULATOR.stat().st_size < 10_000
     assert POLICY.stat().st_size < 40_000
     assert read_metadata(EMULATOR)["format"] == FORMAT
-    assert read_tensors(POLICY, "policy")[1]["format"] == POLICY_FORMAT
+    assert read_tensors(POLICY, "policy")[1]["format"] == Policy.FORMAT

@@ -10,7 +10,9 @@ import typer
 
 from neuroanimator.cli.inspection_output import print_components, print_weak_spots, show_dataset
 from neuroanimator.codegen.backend import backend_in_words
-from neuroanimator.control.policies.state_policy import StatePolicy, read_policy
+from neuroanimator.control.policies.abstract_policy import read_policy_file
+from neuroanimator.control.policies.policy import Policy
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.artifact import emulator_from
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.error_bounds import bounds_in_words
@@ -144,7 +146,7 @@ def _parameter_rows(emulator: Emulator) -> Rows:
 def _policy(file: str) -> tuple[dict[str, Any], Rows]:
     """Return (all metadata of a policy, the rows to show)."""
     path = find_policy(file)
-    policy, metadata = read_policy(path)
+    policy, metadata = read_policy_file(path, Policy, StatePolicy)
     if isinstance(policy, StatePolicy):
         return metadata, _state_policy_rows(path, policy, metadata)
     emulator = metadata["emulator"]

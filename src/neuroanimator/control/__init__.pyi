@@ -40,9 +40,9 @@ from neuroanimator.learn.planning.planner import Plan as Plan
 from neuroanimator.learn.planning.planner import Planner as Planner
 from neuroanimator.learn.planning.planner import moved_on as moved_on
 from neuroanimator.learn.planning.plants import ControlledMotion as ControlledMotion
-from neuroanimator.learn.planning.plants import EmulatorPlant as EmulatorPlant
-from neuroanimator.learn.planning.plants import PhysicsPlant as PhysicsPlant
 from neuroanimator.learn.planning.plants import control_plant as control_plant
 from neuroanimator.learn.planning.pursue import Pursuit as Pursuit
 from neuroanimator.learn.planning.pursue import pursue_goal as pursue_goal
 from neuroanimator.systems.goal import Goal as Goal
+from neuroanimator.systems.plants import EmulatorPlant as EmulatorPlant
+from neuroanimator.systems.plants import PhysicsPlant as PhysicsPlant

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import NamedTuple
@@ -16,12 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
-from neuroanimator.control.policies.state_policy import StatePolicy, policy_leaves
+from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.tensors import emulator_tensors, to_numpy
 from neuroanimator.files.atomic import Metadata, append_line, canonical_json, digest, locked
 from neuroanimator.files.numbers import number, whole
-from neuroanimator.gym.bodies import returns_of
+from neuroanimator.gym.bodies import episodes_of
 from neuroanimator.gym.learner import Counters, Learner, PolicyLearning
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_rows import physics_stepper
@@ -80,11 +81,8 @@ def learn_policy(
     with the same bytes. `on_share` is called with the share done. BadFileError if the run in `folder` has another
     emulator, start or other settings.
     """
-    if folder is None:
-        run = _Run(system, emulator, rules, learning, reference, start, None)
-        return run.finish(seconds, on_share, on_report)
-    place = Path(folder)
-    with locked(place):
+    place = None if folder is None else Path(folder)
+    with nullcontext() if place is None else locked(place):
         run = _Run(system, emulator, rules, learning, reference, start, place)
         return run.finish(seconds, on_share, on_report)
 
@@ -112,7 +110,7 @@ class _Run:
         if reference is not None:
             settings["reference"] = digest({"frames": np.asarray(reference.frames)})
         if start is not None:
-            settings["start"] = digest(to_numpy(policy_leaves(start)))
+            settings["start"] = digest(to_numpy(start.leaves()))
         self.identity = f"{digest(emulator_tensors(emulator))[:16]}-{canonical_json(settings)}"
         if folder is None:
             return
@@ -154,7 +152,7 @@ class _Run:
         learning = learner.learning
         policy = learner.policy
         episodes = learning.bodies // EVALUATED
-        returns = returns_of(policy, self.stepper, learner.rules, episodes, learning.seed)
+        returns = episodes_of(policy, self.stepper, learner.rules, episodes, learning.seed).returns
         learner.keep_if_best(float(returns.mean()))
         counters = learner.counters
         report = LearningReport(

@@ -11,11 +11,10 @@ from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.executor.executor import Executor
 from neuroanimator.files.atomic import SIZE_LIMIT, read_bounded, write_whole
-from neuroanimator.files.json_text import parse_json_object
 from neuroanimator.files.unfinished import temporary_folder
 from neuroanimator.files.zoo import find_emulator
-from neuroanimator.gym.policy_training import PolicyTraining, train_policy
-from neuroanimator.learn.training.train import MAX_LINE, MAX_METRICS, run_folder
+from neuroanimator.gym.policy_training import PolicyReport, PolicyTraining, train_policy
+from neuroanimator.learn.training.train import METRICS, read_reports, run_folder
 from neuroanimator.physics import carried_system
 from neuroanimator.systems.named_files import named_model
 from neuroanimator.systems.trusted_files import (
@@ -72,7 +71,9 @@ def run_policy_task(task: SeedTask) -> TrainedPolicy:
         system = carried_system(emulator.spec.system, emulator.spec.definition)
         path = Path(task.path or f"{folder}/trained.policy.safetensors")
         train_policy(emulator, system, path, task.training)
-        return TrainedPolicy(path.read_bytes(), _least_validation(path))
+        reports = read_reports(run_folder(path) / METRICS, PolicyReport)
+        least = min(report.validation for report in reports)
+        return TrainedPolicy(path.read_bytes(), least)
 
 
 def train_policies(
@@ -109,10 +110,3 @@ def train_policies(
         write_whole(path, trained.content)
         rows.append(PolicyRow(seed, trained.validation, path, trained.validation == least))
     return rows
-
-
-def _least_validation(path: Path) -> float:
-    """Return the least validation loss logged in the training of the policy at `path`."""
-    log = read_bounded(run_folder(path) / "metrics.jsonl", MAX_METRICS).decode()
-    reports = [parse_json_object(line, MAX_LINE) for line in log.splitlines()]
-    return min(float(report["validation"]) for report in reports)

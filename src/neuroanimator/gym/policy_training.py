@@ -24,14 +24,12 @@ from neuroanimator.control.policies.policy import (
     check_steerable,
     fresh_policy,
     latent_structure,
-    save_policy,
 )
 from neuroanimator.control.policies.policy_loss import (
     LossWeights,
     Swimmers,
-    motion_loss,
-    rollout_swimmers,
     start_swimmers,
+    swim_loss,
 )
 from neuroanimator.control.policies.steering import SteeringTarget
 from neuroanimator.emulator.arrays import as_jax
@@ -43,7 +41,8 @@ from neuroanimator.files.atomic import append_line, canonical_json, digest, lock
 from neuroanimator.files.unfinished import remove_stale
 from neuroanimator.learn.data.sampling import sample_starts
 from neuroanimator.learn.training.checkpoint import TrainingState, read_checkpoint, write_checkpoint
-from neuroanimator.learn.training.train import run_folder
+from neuroanimator.learn.training.optimizer import clipped
+from neuroanimator.learn.training.train import METRICS, run_folder
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import read_pose
 from neuroanimator.systems.system import System
@@ -74,9 +73,6 @@ FRESH_SHARE = 0.2
 
 NEW_TARGET_SHARE = 0.5
 """Share of bodies that get another target before every update, besides those that restart."""
-
-MAX_GRADIENT = 1.0
-"""Norm to which gradients are clipped: through many super steps a few are huge."""
 
 STARTS_STREAM = 21
 """Number joined to the seed for the random numbers of the starts."""
@@ -152,7 +148,7 @@ def train_policy(
         while not run.is_over:
             on_report(run.advance())
         provenance = {"training": json.loads(canonical_json(asdict(training)))}
-        save_policy(run.best, out, provenance)
+        run.best.save(out, provenance)
     return run.best
 
 
@@ -220,12 +216,13 @@ class _Run:
         progress = progress._replace(network=network, optimizer_state=memory, chunk=done)
         steps = round(VALIDATION_SECONDS / self.base.dt)
         trained = _with_network(self.base, network)
-        validation = float(_validate(self.training.weights, trained, self.validation, steps))
+        loss_of_swim, _ = swim_loss(self.training.weights, trained, self.validation, steps)
+        validation = float(loss_of_swim)
         self.progress = progress.judged(validation)
         seconds = time.monotonic() - self.began
         report = PolicyReport(done * UPDATES_PER_REPORT, float(loss), validation, seconds)
         write_checkpoint(self.folder, self.identity, self.progress)
-        append_line(self.folder / "metrics.jsonl", json.dumps(report._asdict()))
+        append_line(self.folder / METRICS, json.dumps(report._asdict()))
         return report
 
 
@@ -286,7 +283,7 @@ def gait_speed(emulator: Emulator) -> float:
 def make_optimizer(training: PolicyTraining) -> optax.GradientTransformation:
     """Return Adam with clipped gradients and a learning rate that decays to zero."""
     rate = optax.cosine_decay_schedule(training.learning_rate, training.updates)
-    return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optax.adam(rate))
+    return clipped(optax.adam(rate))
 
 
 @eqx.filter_jit
@@ -307,8 +304,7 @@ def _train_chunk(
 
     def loss_of(network: Network, swimmers: Swimmers) -> tuple[Array, Swimmers]:
         policy = _with_network(base, network)
-        following, path, controls = rollout_swimmers(policy, swimmers, training.steps)
-        return motion_loss(training.weights, policy, swimmers, path, controls), following
+        return swim_loss(training.weights, policy, swimmers, training.steps)
 
     def update(carry: tuple, key: PRNGKeyArray) -> tuple[tuple, Array]:
         network, (state, swimmers) = carry
@@ -342,12 +338,3 @@ def _renewed(
         jnp.where(has_new_target, other.target.speed, swimmers.target.speed),
     )
     return Swimmers(latent, jnp.where(is_fresh, other.phase, swimmers.phase), target)
-
-
-@eqx.filter_jit
-def _validate(
-    weights: LossWeights, policy: Policy, swimmers: Swimmers, steps: int
-) -> Float[Array, ""]:
-    """Return the loss of swims from `swimmers`, `steps` super steps long."""
-    _, path, controls = rollout_swimmers(policy, swimmers, steps)
-    return motion_loss(weights, policy, swimmers, path, controls)

@@ -22,8 +22,7 @@ from neuroanimator import (
 )
 from neuroanimator.control import EmulatorPlant, ParameterEstimator
 from neuroanimator.control.policies.closed_loop import choose_controls
-from neuroanimator.control.policies.pilot import PilotFrame
-from neuroanimator.control.policies.pilot_motions import MAX_LEAD
+from neuroanimator.control.policies.pilot import MAX_LEAD, PilotFrame
 from neuroanimator.control.policies.policy import fresh_policy
 from neuroanimator.control.policies.steering import SteeringTarget
 

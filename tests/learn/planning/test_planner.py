@@ -12,9 +12,10 @@ from neuroanimator.control.objective.costs import effort
 from neuroanimator.control.objective.goals import reach_goal
 from neuroanimator.control.objective.objective import Objective
 from neuroanimator.learn.planning.planner import Planner, moved_on
-from neuroanimator.learn.planning.plants import EmulatorPlant, PhysicsPlant, control_plant
+from neuroanimator.learn.planning.plants import control_plant
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
+from neuroanimator.systems.plants import EmulatorPlant, PhysicsPlant
 
 STEPS, DT = 20, 0.05
 REST = np.zeros(6)

@@ -12,9 +12,10 @@ from swing_up import PENDULUM, is_upright
 from neuroanimator import Emulator, NeuroAnimatorError
 from neuroanimator.control import pursue_goal
 from neuroanimator.control.objective.goals import find_goal, state_goal
-from neuroanimator.learn.planning.plants import ControlledMotion, EmulatorPlant, PhysicsPlant, Plant
+from neuroanimator.learn.planning.plants import ControlledMotion
 from neuroanimator.learn.planning.pursue import Pursuit, pursuit_rows
 from neuroanimator.learn.planning.regulator import Regulator, regulator_of
+from neuroanimator.systems.plants import EmulatorPlant, PhysicsPlant, Plant
 
 OFF = np.array([0.006, -0.004, 0.002, 0.02, 0.04, -0.06])
 """A small difference from upright [rad, rad/s]."""

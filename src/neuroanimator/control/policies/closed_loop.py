@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,10 +12,9 @@ from numpy.typing import ArrayLike
 from neuroanimator.control.policies.behaviours import Behaviour
 from neuroanimator.control.policies.policy import Policy, latent_structure
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward
-from neuroanimator.control.policies.super_step import is_in_c, make_super_step
+from neuroanimator.control.policies.super_step import make_super_step
 from neuroanimator.emulator.arrays import as_float32, as_jax
-from neuroanimator.emulator.origin import two_sum
-from neuroanimator.emulator.super_step import begin, locate
+from neuroanimator.emulator.super_step import locate
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.pose import read_pose
@@ -58,34 +55,19 @@ def rollout_on_emulator(
         raise ArgumentError(
             f"starts and steps: wanted (B, S) and at least 1, got {checked.shape} and {steps}."
         )
-    phase = jax.random.uniform(jax.random.key(seed), (len(checked),), maxval=2 * jnp.pi)
-    if is_in_c(policy):
-        return _rollout_in_c(policy, behaviour, checked, np.asarray(phase), steps)
-    return _rollout_on_emulator(policy, behaviour, as_jax(checked), phase, steps)
-
-
-def _rollout_in_c(
-    policy: Policy,
-    behaviour: Behaviour,
-    starts: Float[np.ndarray, "B S"],
-    phase: Float[np.ndarray, " B"],
-    steps: int,
-) -> Float[Array, "B {steps}+1 S"]:
-    """Return the same, step by step: only the behaviour is left for JAX to compile."""
     structure = latent_structure(policy.emulator)
-    tick = policy.tick
-    times = np.arange(steps, dtype=np.float32) * np.float32(policy.dt)
     axes = policy.emulator.origin
-    body = locate(policy.emulator, starts)
-    path = [starts]
-    for time in times:
+    phase = np.asarray(jax.random.uniform(jax.random.key(seed), (len(checked),), maxval=2 * jnp.pi))
+    body = locate(policy.emulator, checked)
+    path = [checked]
+    for time in np.arange(steps, dtype=np.float32) * np.float32(policy.dt):
         in_world = as_float32(axes.latent.moved(body.latent, body.origin))
         wanted = _target(behaviour, structure, in_world, time)
-        direction = np.broadcast_to(wanted.direction, (len(starts), 3))
-        speed = np.broadcast_to(wanted.speed, (len(starts),))
+        direction = np.broadcast_to(wanted.direction, (len(checked), 3))
+        speed = np.broadcast_to(wanted.speed, (len(checked),))
         made = make_super_step(policy, body.latent, phase, SteeringTarget(direction, speed))
         body, states = body.moved_on(axes, made.latent, made.states)
-        phase = ((phase + tick) % (2 * np.pi)).astype(np.float32)
+        phase = ((phase + policy.tick) % (2 * np.pi)).astype(np.float32)
         path.append(states)
     return as_jax(np.stack(path, axis=1))
 
@@ -99,35 +81,6 @@ def _target(
 ) -> SteeringTarget:
     """Return the current target of each body; eqx.filter_jit flattens only the small part of a policy that this needs."""
     return behaviour(read_pose(structure, latent), time)
-
-
-@eqx.filter_jit
-def _rollout_on_emulator(
-    policy: Policy,
-    behaviour: Behaviour,
-    starts: Float[Array, "B S"],
-    phase: Float[Array, " B"],
-    steps: int,
-) -> Float[Array, "B {steps}+1 S"]:
-    emulator = policy.emulator
-    axes = emulator.origin
-
-    def advance(carry: tuple[Array, ...], time: Array) -> tuple[tuple[Array, ...], Any]:
-        latent, high, low, phase = carry
-        target = behaviour(policy.pose(axes.latent.moved(latent, high)), time)
-        controls = emulator.encode_control(choose_controls(policy, latent, phase, target))
-        following = jax.vmap(emulator.step_latent)(latent, controls)
-        way = axes.latent.origin(following)
-        begun = axes.latent.moved(following, -way), *two_sum(high, low, way)
-        return (*begun, (phase + policy.tick) % (2 * jnp.pi)), (following, high, low)
-
-    times = jnp.arange(steps) * policy.dt
-    origin, latent = begin(emulator, starts)
-    carry = (latent, origin, jnp.zeros_like(origin), phase)
-    _, path = jax.lax.scan(advance, carry, times)
-    following, high, low = (jnp.swapaxes(part, 0, 1) for part in path)
-    states = axes.state.moved(axes.state.moved(emulator.decode(following), low), high)
-    return jnp.concatenate([starts[:, None], states], axis=1)
 
 
 def rollout_on_physics(

@@ -16,12 +16,14 @@ from neuroanimator.animation.interpolate import interpolate_hermite
 from neuroanimator.control.policies.pilot_motions import (
     CommandedMotion,
     EmulatorPilotMotion,
+    PilotCommand,
     PilotMotion,
 )
-from neuroanimator.control.policies.policy import Policy, load_policy
+from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.state_policy import StatePolicy, load_any_policy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.zoo import find_policy
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.systems.system import System
 
@@ -30,6 +32,9 @@ MAX_FRAME = 60.0
 
 TINY = 1e-9
 """Time that counts as zero [s]: sums of frames round."""
+
+MAX_LEAD = 1.2
+"""Maximum lead of the commanded heading over the body's [rad]: excess turning is not saved up for later."""
 
 UNEVEN = 1e-3
 """Maximum relative difference in duration between the frames of a clip."""
@@ -130,12 +135,11 @@ class Pilot:
         """
         phase = _finite("phase", phase) % (2 * math.pi)
         start = np.array(self._motion.first(phase) if state is None else state, float)
-        self._begin = self._believed(self._checked(start))
-        self._is_begin_measured = True
-        self._end: Float[np.ndarray, " S"] | None = None
-        self._motion.begin(self._begin, phase)
-        self._time = 0.0
+        self._phase = phase
         self._since_begin = 0.0
+        self._place(self._believed(self._checked(start)))
+        self._heading = float(self._pose(self._begin).heading)
+        self._time = 0.0
         self._controls = np.asarray(self.policy.emulator.bounds.middle, float)
         return PilotFrame(0.0, self._begin, self._pose(self._begin))
 
@@ -171,13 +175,13 @@ class Pilot:
         left = dt
         while left > TINY:
             if self._since_begin > super_step - TINY:
-                self._finish_super_step()
+                assert self._end is not None
+                # Exactly a super step, whatever frames it was cut into.
+                self._begin_at(self._end, super_step, is_measured=False)
             if self._end is None:
-                leap = self._motion.leap(self._begin, asked_speed, asked_turn, asked_climb)
-                self._end = leap.state
-                self._controls = leap.controls
+                self._leap(asked_speed, asked_turn, asked_climb)
             ahead = min(left, super_step - self._since_begin)
-            self._motion.turn(asked_turn * ahead)
+            self._heading += asked_turn * ahead
             self._since_begin += ahead
             left -= ahead
         self._time += dt
@@ -204,26 +208,37 @@ class Pilot:
         states = np.stack([frame.state for frame in frames])
         return Clip(spec.system, spec.skeleton, times - times[0], states, spec.definition)
 
-    def _finish_super_step(self) -> None:
-        """Begin the next super step at the end of this one."""
-        assert self._end is not None
-        self._begin = self._end
-        self._is_begin_measured = False
-        self._motion.finish()
+    def _leap(self, speed: float, turn: float, climb: float) -> None:
+        """Make the super step that begins now."""
+        heading = float(self._pose(self._begin).heading)
+        lead = (self._heading - heading + math.pi) % (2 * math.pi) - math.pi
+        self._heading = heading + float(np.clip(lead, -MAX_LEAD, MAX_LEAD))
+        command = PilotCommand(speed, turn, climb, self._heading, self._phase)
+        leap = self._motion.leap(self._begin, command)
+        self._end = leap.state
+        self._controls = leap.controls
+
+    def _begin_at(
+        self, state: Float[np.ndarray, " S"], passed: float, *, is_measured: bool
+    ) -> None:
+        """Begin a super step in `state`, `passed` [s] after the last one began; the clock has gone on."""
+        self._phase = (self._phase + self._motion.clock_rate * passed) % (2 * math.pi)
+        self._begin = state
+        self._is_begin_measured = is_measured
         self._since_begin = 0.0
-        self._end = None
+        self._end: Float[np.ndarray, " S"] | None = None
+
+    def _place(self, state: Float[np.ndarray, " S"]) -> None:
+        """Put the body in `state`, and begin a super step there."""
+        self._motion.place(state)
+        self._begin_at(state, self._since_begin, is_measured=True)
 
     def _go_on_from(self, state: Float[np.ndarray, " S"]) -> None:
-        """Put the body in its actual state; its clock goes on."""
+        """Put the body in its actual state, and let the estimator learn from the way there."""
         if self.estimator is not None and self._end is not None:
             self._check_whole_step()
             self.estimator.observe(self._begin, self._controls, state)
-        state = self._believed(state)
-        self._motion.go_on_from(state, self._since_begin)
-        self._begin = state
-        self._is_begin_measured = True
-        self._since_begin = 0.0
-        self._end = None
+        self._place(self._believed(state))
 
     def _believed(self, state: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
         """Return the state with the estimated parameters, if there is an estimator."""
@@ -263,9 +278,7 @@ class Pilot:
 def _loaded(policy: Policy | StatePolicy | str | Path) -> Policy | StatePolicy:
     if isinstance(policy, Policy | StatePolicy):
         return policy
-    if Path(policy).is_file():
-        return load_any_policy(Path(policy))
-    return load_policy(policy)
+    return load_any_policy(find_policy(str(policy)))
 
 
 def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMotion:

@@ -7,7 +7,6 @@ of swimming; the system's gait is its initial guess. Mirrored inputs give mirror
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,51 +14,26 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
-from neuroanimator.codegen.jax_settings import compiled_quickly
-from neuroanimator.emulator.artifact import (
-    FAULTS,
-    check_arrays,
-    check_format,
-    first_line,
-    shape_tensors,
-    without_shapes,
+from neuroanimator.control.policies.abstract_policy import (
+    PROBED_STATES,
+    AbstractPolicy,
+    read_policy_file,
+    read_widths,
 )
-from neuroanimator.emulator.description import FORMAT as EMULATOR_FORMAT
-from neuroanimator.emulator.description import blank, describe
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.features import reordered
-from neuroanimator.emulator.networks import MAX_LAYER, make_network
+from neuroanimator.emulator.networks import make_network
 from neuroanimator.emulator.networks.network import Network, prefixed
-from neuroanimator.emulator.tensors import (
-    emulator_leaves,
-    emulator_tensors,
-    to_numpy,
-    with_tensors,
-)
-from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files.atomic import Metadata, Tensors, digest, read_tensors, write_tensors
-from neuroanimator.files.numbers import listed, whole
+from neuroanimator.emulator.tensors import emulator_tensors
+from neuroanimator.errors import ArgumentError
+from neuroanimator.files.atomic import Metadata, digest
 from neuroanimator.files.zoo import find_policy
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.pose import Pose, read_pose
 from neuroanimator.state.structure import Structure
-
-FORMAT = 2
-"""Version of the file format, raised whenever an older reader would misunderstand a file."""
-
-KIND = "policy"
-
-PROBED_STATES = 8
-"""Number of states in which a policy's controls are looked at when it is loaded: rest, and others near it."""
-
-PROBED_SPREAD = 0.1
-"""Standard deviation of these states around rest [their units]."""
-
-MAKER = "train_policy"
-"""Function that retrains policies that are too old to be read."""
 
 COMMAND = Layout(
     (
@@ -115,26 +89,22 @@ class Rhythm(NamedTuple):
         return cls(gait.period, gait.amplitudes, gait.lags, is_odd)
 
 
-class Policy(eqx.Module):
-    """u = middle + half · tanh(idle + waves of the gait + network(features of the body, clock, command))."""
+class Policy(AbstractPolicy):
+    """u = middle + half · tanh(idle + waves of the gait + network(features of the body, clock, command)).
 
-    emulator: Emulator
-    """Emulator it was trained through, whose features it has."""
+    The features are those of the emulator it was trained through.
+    """
+
+    KIND = "policy"
+    FORMAT = 2
+    MAKER = "train_policy"
+
     network: Network
     ranges: Bounds = eqx.field(static=True)
     """Range of each command in training, in the order of `COMMAND`."""
     rhythm: Rhythm = eqx.field(static=True)
     observes_parameters: bool = eqx.field(static=True, default=True)
     """Whether the network gets the parameters of a family's body; if not, it is robust against them at best."""
-
-    def __repr__(self) -> str:
-        spec = self.emulator.spec
-        return f'Policy("{spec.system}", dt {self.dt:g} s, {spec.control.size} controls)'
-
-    @property
-    def dt(self) -> float:
-        """Time for which a control is held [s]."""
-        return self.emulator.dt
 
     @property
     def tick(self) -> float:
@@ -158,23 +128,17 @@ class Policy(eqx.Module):
         lags = jnp.asarray(self.rhythm.lags)
         # The wave at the middle of the super step, full at the maximum speed, zero at the minimum.
         waves = amplitudes * jnp.sin(phase + self.tick / 2 - lags) * (normalised[0] + 1) / 2
-        middle = jnp.asarray(bounds.middle, jnp.float32)
-        half = jnp.asarray(bounds.half, jnp.float32)
         raw = steered + waves
         if (
             emulator.skeleton.shapes is not None
         ):  # muscles of flesh only pull: by themselves they are nearly idle
             share = (bounds.idle - bounds.middle) / bounds.half
             raw = raw + np.arctanh(np.clip(share, -NEARLY_IDLE, NEARLY_IDLE))
-        return middle + half * jnp.tanh(raw)
+        return self._off_middle(jnp.tanh(raw))
 
     def pose(self, latent: Float[AnyArray, "*B I"]) -> Pose:
         """Return the poses of bodies in the latent states `latent` of `Emulator.encode`."""
         return read_pose(latent_structure(self.emulator), latent)
-
-    def save(self, path: str | Path) -> None:
-        """Write the policy, its emulator included, as one `.safetensors` file."""
-        save_policy(self, Path(path))
 
     @classmethod
     def load(cls, path: str | Path) -> Policy:
@@ -183,6 +147,46 @@ class Policy(eqx.Module):
         Raises BadFileError with what is wrong with the file, or the list of names.
         """
         return load_policy(path)
+
+    def _own_leaves(self) -> dict[str, Any]:
+        return prefixed("network", self.network.leaves())
+
+    def _own_description(self) -> dict[str, Any]:
+        described = {
+            "emulator_sha256": digest(emulator_tensors(self.emulator)),
+            "command": COMMAND.to_json(),
+            "ranges": [list(self.ranges.low), list(self.ranges.high)],
+            "widths": list(self.network.widths),
+        }
+        # Older readers, which do not know such policies, refuse them: they have fewer weights.
+        if not self.observes_parameters:
+            described["observes_parameters"] = False
+        return described
+
+    @classmethod
+    def _blank(cls, metadata: Metadata, emulator: Emulator) -> Policy:
+        if metadata["command"] != COMMAND.to_json():
+            raise ValueError("commands with another meaning")
+        ranges = Bounds.from_json(metadata["ranges"], COMMAND.size, "ranges")
+        for low, high in zip(ranges.low, ranges.high, strict=True):
+            if not low < high:
+                raise ValueError("ranges: wanted low below high for every command")
+        observes_parameters = metadata.get("observes_parameters", True)
+        if not isinstance(observes_parameters, bool):
+            raise ValueError("observes_parameters: wanted true or false")
+        widths = read_widths(metadata)
+        return fresh_policy(emulator, ranges, widths, None, observes_parameters=observes_parameters)
+
+    def _check(self, metadata: Metadata) -> None:
+        if digest(emulator_tensors(self.emulator)) != metadata["emulator_sha256"]:
+            raise ValueError("its emulator is not the one it was trained through")
+
+    def _controls_near(self, states: Float[Array, "N S"]) -> Float[Array, "N C"]:
+        """Return the controls in `states`, at all phases of the clock and with commands at both ends."""
+        phases = jnp.linspace(0, 2 * math.pi, PROBED_STATES)
+        ends = jnp.asarray([self.ranges.low, self.ranges.high], jnp.float32)
+        commands = jnp.tile(ends, (PROBED_STATES // 2, 1))
+        return jax.vmap(self.control)(self.emulator.encode(states), phases, commands)
 
     def _normalised(self, command: Float[Array, " 4"]) -> Float[Array, " 4"]:
         """Return the command scaled such that its ranges are ±1, and clipped to them."""
@@ -239,27 +243,15 @@ def fresh_policy(
     emulator: Emulator,
     ranges: Bounds,
     widths: tuple[int, ...],
-    seed: int = 0,
+    seed: int | None = 0,
     *,
     observes_parameters: bool = True,
 ) -> Policy:
-    """Return an untrained policy, nearly the gait alone, with hidden layers of `widths`.
+    """Return an untrained policy, nearly the gait alone, with hidden layers of `widths`; without a seed its weights are zeros.
 
     Raises ArgumentError for a system without a heading.
     """
-    key = jax.random.key(seed)
-    return make_policy(emulator, ranges, widths, key, observes_parameters=observes_parameters)
-
-
-def make_policy(
-    emulator: Emulator,
-    ranges: Bounds,
-    widths: tuple[int, ...],
-    key: PRNGKeyArray | None,
-    *,
-    observes_parameters: bool = True,
-) -> Policy:
-    """Return `fresh_policy` with a random key; without one its weights are zeros."""
+    key = None if seed is None else jax.random.key(seed)
     check_steerable(emulator)
     rhythm = Rhythm.from_emulator(emulator)
     size = emulator.control.size
@@ -294,112 +286,10 @@ def check_steerable(emulator: Emulator) -> None:
         read_pose(latent_structure(emulator), anywhere)
 
 
-def save_policy(policy: Policy, path: Path, provenance: dict[str, Any] | None = None) -> None:
-    """Write `policy` to `path`; `provenance` states how it was trained (any JSON)."""
-    metadata = describe_policy(policy) | {"provenance": provenance or {}}
-    tensors = to_numpy(policy_leaves(policy)) | shape_tensors(policy.emulator)
-    write_tensors(path, tensors, metadata)
-
-
-def policy_leaves(policy: Policy) -> dict[str, Any]:
-    """Return every array of `policy` by its name in files."""
-    emulator = prefixed("emulator", emulator_leaves(policy.emulator))
-    return emulator | prefixed("network", policy.network.leaves())
-
-
-def describe_policy(policy: Policy) -> dict[str, Any]:
-    """Return the metadata that, together with the tensors, makes up the policy."""
-    described = {
-        "kind": KIND,
-        "format": FORMAT,
-        "emulator": describe(policy.emulator),
-        "emulator_sha256": digest(emulator_tensors(policy.emulator)),
-        "command": COMMAND.to_json(),
-        "ranges": [list(policy.ranges.low), list(policy.ranges.high)],
-        "widths": list(policy.network.widths),
-    }
-    # Older readers, which do not know such policies, refuse them: they have fewer weights.
-    if not policy.observes_parameters:
-        described["observes_parameters"] = False
-    return described
-
-
 def load_policy(name: str | Path) -> Policy:
     """Return the policy in the file `name`, or the shipped one of the system called `name`, such as `fish`.
 
     Every name, text, shape and number in the file is checked. Raises BadFileError with what is wrong with the
     file, or the list of shipped policies.
     """
-    path = find_policy(str(name))
-    return policy_from(path, *read_tensors(path, KIND))
-
-
-def policy_from(path: Path, tensors: Tensors, metadata: Metadata) -> Policy:
-    """Return the policy read from the file at `path`; BadFileError states what is wrong with it."""
-    check_policy_formats(path, metadata, FORMAT, MAKER)
-    try:
-        weights, shapes = without_shapes(tensors)
-        policy = with_tensors(blank_policy(metadata, shapes), policy_leaves, weights)
-        if digest(emulator_tensors(policy.emulator)) != metadata["emulator_sha256"]:
-            raise ValueError("its emulator is not the one it was trained through")
-        check_arrays(policy.emulator)
-        check_controls(policy, _controls_near)
-        return policy
-    except FAULTS as error:
-        raise BadFileError(
-            f"{path} is not a usable policy: {first_line(error)}. Make it again."
-        ) from error
-
-
-def check_controls(
-    policy: Any, controls_near: Callable[[Any, Float[Array, "N S"]], Float[Array, "N C"]]
-) -> None:
-    """Refuse a policy whose controls are not finite in states near rest; raises ValueError.
-
-    `controls_near` gives its controls in some states (N, S).
-    """
-    rest = np.asarray(policy.emulator.rest, np.float32)
-    rng = np.random.default_rng(0)
-    offsets = rng.normal(size=(PROBED_STATES, len(rest))) * PROBED_SPREAD
-    offsets[0] = 0
-    states = jnp.asarray(rest + offsets, jnp.float32)
-    controls = np.asarray(compiled_quickly(controls_near)(policy, states))
-    if not np.isfinite(controls).all():
-        raise ValueError("its controls are not finite numbers")
-
-
-def _controls_near(policy: Policy, states: Float[Array, "N S"]) -> Float[Array, "N C"]:
-    """Return the controls in `states` (N, S), at all phases of the clock and with commands at both ends."""
-    phases = jnp.linspace(0, 2 * math.pi, PROBED_STATES)
-    ends = jnp.asarray([policy.ranges.low, policy.ranges.high], jnp.float32)
-    commands = jnp.tile(ends, (PROBED_STATES // 2, 1))
-    return jax.vmap(policy.control)(policy.emulator.encode(states), phases, commands)
-
-
-def check_policy_formats(path: Path, metadata: Metadata, wanted: int, maker: str) -> None:
-    """Refuse a policy's file of another format than `wanted`, or with an emulator of another format; `maker` makes it again."""
-    check_format(path, metadata.get("format"), wanted, maker)
-    emulator = metadata.get("emulator")
-    emulator_format = emulator.get("format") if isinstance(emulator, dict) else None
-    check_format(path, emulator_format, EMULATOR_FORMAT, maker)
-
-
-def blank_policy(metadata: Metadata, shapes: Tensors) -> Policy:
-    """Return a policy of the described structure with zero weights; `shapes` are the arrays of a soft body's shapes."""
-    if metadata["command"] != COMMAND.to_json():
-        raise ValueError("commands with another meaning")
-    ranges = Bounds.from_json(metadata["ranges"], COMMAND.size, "ranges")
-    for low, high in zip(ranges.low, ranges.high, strict=True):
-        if not low < high:
-            raise ValueError("ranges: wanted low below high for every command")
-    widths = listed(metadata["widths"], "widths", checked_width)
-    observes_parameters = metadata.get("observes_parameters", True)
-    if not isinstance(observes_parameters, bool):
-        raise ValueError("observes_parameters: wanted true or false")
-    emulator = blank(metadata["emulator"], Emulator, shapes)
-    return make_policy(emulator, ranges, widths, None, observes_parameters=observes_parameters)
-
-
-def checked_width(width: Any, label: str) -> int:
-    """Return the size of a hidden layer; ValueError if it is invalid."""
-    return whole(width, label, 1, MAX_LAYER)
+    return read_policy_file(find_policy(str(name)), Policy)[0]

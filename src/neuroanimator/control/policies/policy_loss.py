@@ -12,7 +12,13 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from neuroanimator.control.policies.closed_loop import choose_controls
 from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.steering import SteeringTarget, leftward, unit, upright
+from neuroanimator.control.policies.steering import (
+    SteeringTarget,
+    leftward,
+    rotated_toward,
+    unit,
+    upright,
+)
 from neuroanimator.emulator.emulator import Emulator
 
 NEARLY_AHEAD = 0.2
@@ -85,8 +91,8 @@ def random_targets(
     width = jnp.where(is_anywhere, 1.0, NEARLY_AHEAD)
     aside = width * jax.random.uniform(aside_key, shape, minval=-jnp.pi, maxval=jnp.pi)
     above = width * jax.random.uniform(above_key, shape, minval=-MAX_CLIMB, maxval=MAX_CLIMB)
-    level = jnp.cos(aside)[:, None] * pose.forward + jnp.sin(aside)[:, None] * leftward(pose)
-    direction = jnp.cos(above)[:, None] * level + jnp.sin(above)[:, None] * upright(pose)
+    level = rotated_toward(leftward(pose), pose.forward, aside)
+    direction = rotated_toward(upright(pose), level, above)
     speed = jax.random.uniform(speed_key, shape, maxval=policy.ranges.high[0])
     return SteeringTarget(unit(direction), speed)
 
@@ -110,17 +116,15 @@ def rollout_swimmers(
     return Swimmers(latent, phase % (2 * jnp.pi), swimmers.target), path, controls
 
 
-def motion_loss(
-    weights: LossWeights,
-    policy: Policy,
-    swimmers: Swimmers,
-    path: Float[Array, "T B I"],
-    controls: Float[Array, "T B C"],
-) -> Float[Array, ""]:
-    """Return the loss of `path` under `controls`, on average over bodies and super steps.
+@eqx.filter_jit
+def swim_loss(
+    weights: LossWeights, policy: Policy, swimmers: Swimmers, steps: int
+) -> tuple[Float[Array, ""], Swimmers]:
+    """Return (the loss of `steps` super steps, on average over bodies and super steps, the bodies after them).
 
     Speed and heading are means over whole periods of the clock, since a swimming body sways.
     """
+    following, path, controls = rollout_swimmers(policy, swimmers, steps)
     pose = policy.pose(path)
     target = swimmers.target
     top_speed = policy.ranges.high[0]
@@ -136,7 +140,7 @@ def motion_loss(
     def mean_square(vectors: Array) -> Array:
         return jnp.mean(jnp.sum(vectors**2, axis=-1))
 
-    return (
+    loss = (
         weights.speed * jnp.mean(((speed - target.speed) / top_speed) ** 2)
         + weights.heading * mean_square(pointing - target.direction)
         + weights.roll * mean_square(upward - level)
@@ -144,6 +148,7 @@ def motion_loss(
         + weights.jumps * jnp.mean((jnp.diff(controls, axis=0) / control_scale) ** 2)
         + weights.outside * jnp.mean(outside_training(policy.emulator, path, controls) ** 2)
     )
+    return loss, following
 
 
 def _moving_mean(rows: Float[Array, "T B A"], period: int) -> Float[Array, "T-{period}+1 B A"]:

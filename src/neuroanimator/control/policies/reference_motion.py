@@ -6,6 +6,7 @@ functions of the state alone. Learning from such motions, from any phase, follow
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -197,7 +198,7 @@ class ReferenceMotion(eqx.Module):
         state = np.zeros(self.frames.shape[-1])
         state[self.phase] = phase
         state[self.commands.clock_rate] = self.commands.own_rate
-        return np.asarray(_frame(self, jnp.asarray(state, jnp.float32)), float)
+        return replace(self, frames=np.asarray(self.frames, float)).frame(state)
 
     def target(self, states: Float[Array, "*B S"]) -> Float[Array, "*B C"]:
         """Return the target of each servo that leads to the motion's next pose: the angle there, plus a lead."""
@@ -281,11 +282,6 @@ class ReferenceMotion(eqx.Module):
             if len(driven) != controls:
                 raise ValueError(f"reference: wanted {controls} angles that controls drive")
         return motion
-
-
-@eqx.filter_jit
-def _frame(motion: ReferenceMotion, states: Float[Array, "*B S"]) -> Float[Array, "*B S"]:
-    return motion.frame(states)
 
 
 def _from_heading(

@@ -12,32 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from neuroanimator.codegen.jax_settings import keep_programs
-from neuroanimator.control.policies.policy import KIND as POLICY_KIND
-from neuroanimator.control.policies.policy import (
-    Policy,
-    check_controls,
-    check_policy_formats,
-    checked_width,
-    policy_from,
+from neuroanimator.control.policies.abstract_policy import (
+    AbstractPolicy,
+    read_policy_file,
+    read_widths,
 )
+from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
-from neuroanimator.emulator.artifact import FAULTS, check_arrays, first_line
-from neuroanimator.emulator.description import blank, describe
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.networks.network import prefixed
-from neuroanimator.emulator.tensors import emulator_leaves, to_numpy, with_tensors
-from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import Metadata, Tensors, read_tensors, write_tensors
-from neuroanimator.files.numbers import entries, listed
-
-FORMAT = 1
-"""Version of the file format, raised whenever an older reader would misunderstand a file."""
-
-KIND = "state-policy"
-
-MAKER = "policy"
-"""Command that retrains policies that are too old to be read."""
+from neuroanimator.files.atomic import Metadata
+from neuroanimator.files.numbers import entries
 
 MAX_SHOWN = 10.0
 """Maximum magnitude of a network's observations, in standard deviations."""
@@ -109,25 +93,19 @@ class View(eqx.Module):
         return jnp.clip((shown - self.mean) / (self.deviation + EPSILON), -MAX_SHOWN, MAX_SHOWN)
 
 
-class StatePolicy(eqx.Module):
+class StatePolicy(AbstractPolicy):
     """u = middle + half · tanh(network(observations of the state)).
 
-    If it follows a motion, the middle is the servos' target for the motion's next pose, and half is its reach.
+    If it follows a motion, the middle is the servos' target for the motion's next pose, and half is its reach. Its emulator,
+    of one step, was trained along with it.
     """
 
-    emulator: Emulator
-    """Emulator of one step, which was trained along with it."""
+    KIND = "state-policy"
+    FORMAT = 1
+    MAKER = "policy"
+
     view: View
     network: Perceptron
-
-    def __repr__(self) -> str:
-        spec = self.emulator.spec
-        return f'StatePolicy("{spec.system}", dt {self.dt:g} s, {spec.control.size} controls)'
-
-    @property
-    def dt(self) -> float:
-        """Time for which a control is held [s]."""
-        return self.emulator.dt
 
     def control_of(
         self, states: Float[Array, "*B S"], noise: Float[Array, "*B C"] | float = 0.0
@@ -139,101 +117,62 @@ class StatePolicy(eqx.Module):
             aims = reference.target(states) + reference.reach * share
             bounds = self.emulator.bounds
             return jnp.clip(aims, jnp.asarray(bounds.low), jnp.asarray(bounds.high))
-        middle = jnp.asarray(self.emulator.bounds.middle, jnp.float32)
-        half = jnp.asarray(self.emulator.bounds.half, jnp.float32)
-        return middle + half * share
+        return self._off_middle(share)
 
-    def save(self, path: str | Path, provenance: dict[str, Any] | None = None) -> None:
-        """Write the policy as one `.safetensors` file; `provenance` states how it was learnt (any JSON)."""
-        write_tensors(
-            Path(path),
-            to_numpy(policy_leaves(self)),
-            _describe(self) | {"provenance": provenance or {}},
+    def _own_leaves(self) -> dict[str, Any]:
+        leaves: dict[str, Any] = {
+            "view.mean": self.view.mean,
+            "view.deviation": self.view.deviation,
+        }
+        if self.view.reference is not None:
+            leaves["reference.frames"] = self.view.reference.frames
+        layers = zip(self.network.weights, self.network.biases, strict=True)
+        for index, (weights, bias) in enumerate(layers):
+            leaves[f"network.{index}.weights"] = weights
+            leaves[f"network.{index}.bias"] = bias
+        return leaves
+
+    def _own_description(self) -> dict[str, Any]:
+        described: dict[str, Any] = {
+            "entries": list(self.view.entries),
+            "widths": [len(bias) for bias in self.network.biases[:-1]],
+        }
+        if self.view.reference is not None:
+            described["reference"] = self.view.reference.to_json()
+        return described
+
+    @classmethod
+    def _blank(cls, metadata: Metadata, emulator: Emulator) -> StatePolicy:
+        size = emulator.state.size
+        controls = emulator.control.size
+        shown = entries(metadata["entries"], "entries", size)
+        reference = None
+        if "reference" in metadata:
+            reference = ReferenceMotion.blank(metadata["reference"], size, controls)
+        view = View.fresh(shown, reference)
+        pairs = list(pairwise((len(view.mean), *read_widths(metadata), controls)))
+        network = Perceptron(
+            tuple(jnp.zeros(pair) for pair in pairs), tuple(jnp.zeros(size) for _, size in pairs)
         )
+        return cls(emulator, view, network)
+
+    def _check(self, metadata: Metadata) -> None:
+        if (np.asarray(self.view.deviation) < 0).any():
+            raise ValueError("view: wanted deviations of at least 0")
+
+    def _controls_near(self, states: Float[Array, "N S"]) -> Float[Array, "N C"]:
+        return self.control_of(states)
 
 
-def policy_leaves(policy: StatePolicy) -> dict[str, Any]:
-    """Return every array by its name in files."""
-    leaves: dict[str, Any] = prefixed("emulator", emulator_leaves(policy.emulator))
-    leaves |= {"view.mean": policy.view.mean, "view.deviation": policy.view.deviation}
-    if policy.view.reference is not None:
-        leaves["reference.frames"] = policy.view.reference.frames
-    for index, (weights, bias) in enumerate(
-        zip(policy.network.weights, policy.network.biases, strict=True)
-    ):
-        leaves[f"network.{index}.weights"] = weights
-        leaves[f"network.{index}.bias"] = bias
-    return leaves
-
-
-def _describe(policy: StatePolicy) -> dict[str, Any]:
-    described = {
-        "kind": KIND,
-        "format": FORMAT,
-        "emulator": describe(policy.emulator),
-        "entries": list(policy.view.entries),
-        "widths": [len(bias) for bias in policy.network.biases[:-1]],
-    }
-    if policy.view.reference is not None:
-        described["reference"] = policy.view.reference.to_json()
-    return described
+controls_of = eqx.filter_jit(StatePolicy.control_of)
+"""`StatePolicy.control_of`, compiled."""
 
 
 def load_state_policy(path: Path) -> StatePolicy:
     """Return the policy in the file at `path`; BadFileError states what is wrong with it."""
-    return _policy_from(path, *read_tensors(path, KIND))
-
-
-def _policy_from(path: Path, tensors: Tensors, metadata: Metadata) -> StatePolicy:
-    keep_programs()
-    check_policy_formats(path, metadata, FORMAT, MAKER)
-    try:
-        policy = with_tensors(_blank(metadata), policy_leaves, tensors)
-        check_arrays(policy.emulator)
-        if (np.asarray(policy.view.deviation) < 0).any():
-            raise ValueError("view: wanted deviations of at least 0")
-        check_controls(policy, StatePolicy.control_of)
-    except FAULTS as error:
-        raise BadFileError(
-            f"{path} is not a usable policy: {first_line(error)}. Make it again."
-        ) from error
-    if policy.emulator.definition:
-        from neuroanimator.definitions.carried import remember_folder
-
-        remember_folder(policy.emulator.definition, path.parent)
-    return policy
+    return read_policy_file(path, StatePolicy)[0]
 
 
 def load_any_policy(path: Path) -> Policy | StatePolicy:
     """Return the policy in the file at `path`, of either kind; BadFileError states what is wrong with it."""
-    return read_policy(path)[0]
-
-
-def read_policy(path: Path) -> tuple[Policy | StatePolicy, dict[str, Any]]:
-    """Return (the policy in the file at `path`, of either kind, the file's metadata).
-
-    Raises BadFileError with what is wrong with the file.
-    """
-    tensors, metadata = read_tensors(path, POLICY_KIND, KIND)
-    if metadata["kind"] == KIND:
-        return _policy_from(path, tensors, metadata), metadata
-    return policy_from(path, tensors, metadata), metadata
-
-
-def _blank(metadata: Metadata) -> StatePolicy:
-    """Return a policy of the described structure with zero weights."""
-    emulator = blank(metadata["emulator"], Emulator)
-    shown = entries(metadata["entries"], "entries", emulator.state.size)
-    widths = listed(metadata["widths"], "widths", checked_width)
-    reference = None
-    if "reference" in metadata:
-        reference = ReferenceMotion.blank(
-            metadata["reference"], emulator.state.size, emulator.control.size
-        )
-    view = View.fresh(shown, reference)
-    sizes = (len(view.mean), *widths, emulator.control.size)
-    pairs = list(pairwise(sizes))
-    network = Perceptron(
-        tuple(jnp.zeros(pair) for pair in pairs), tuple(jnp.zeros(size) for _, size in pairs)
-    )
-    return StatePolicy(emulator, view, network)
+    return read_policy_file(path, Policy, StatePolicy)[0]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Float
 
-from neuroanimator.control.policies.policy import Policy, describe_policy, policy_leaves
+from neuroanimator.control.policies.policy import Policy
 from neuroanimator.control.policies.steering import SteeringTarget, command_toward, unit
 from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.probes import probes_of
@@ -46,11 +46,6 @@ def make_super_step(
     return PolicyStep(*outputs)
 
 
-def is_in_c(policy: Policy) -> bool:
-    """Return whether `make_super_step` runs in C, and so costs little without being part of a larger program."""
-    return ROWS.in_c(policy) is not None
-
-
 def policy_super_step(
     policy: Policy,
     latent: Float[Array, " I"],
@@ -68,7 +63,7 @@ def policy_super_step(
 
 def facts_of_policy(policy: Policy) -> list[str]:
     """Return the facts that determine what a policy computes, in words and numbers."""
-    return [canonical_json(describe_policy(policy)), digest(to_numpy(policy_leaves(policy)))]
+    return [canonical_json(policy.describe()), digest(to_numpy(policy.leaves()))]
 
 
 def _samples(policy: Policy) -> list[Float[np.ndarray, "N _"]]:

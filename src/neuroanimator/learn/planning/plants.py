@@ -8,49 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.errors import DivergedError
 from neuroanimator.learn.planning.planner import Plan, Planner, moved_on
-from neuroanimator.systems.system import System
+from neuroanimator.systems.plants import Plant
 
 if (
     TYPE_CHECKING
 ):  # identification takes a third of a second to import, which most motions do without
     from neuroanimator.learn.planning.estimator import ParameterEstimator
 
-Plant = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""A plant: (state (S,), control (C,)) → the state one super step later."""
 Disturbance = Callable[[int, np.ndarray], np.ndarray]
 """(super step, state (S,)) → the state after a push; the controller learns of it by measuring."""
-
-
-@dataclass(frozen=True)
-class EmulatorPlant:
-    """The emulator as the plant."""
-
-    emulator: Emulator
-
-    def __call__(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
-        """Return the state (S,) one super step later."""
-        return np.asarray(self.emulator.rollout(state, control[None])[1], float)
-
-
-@dataclass(frozen=True)
-class PhysicsPlant:
-    """The true physics as the plant."""
-
-    system: System
-    dt: float
-    """Super step [s]."""
-
-    def __call__(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
-        """Return the state (S,) one super step later."""
-        runs = self.system.simulate_fastest(state[None], control[None, None], self.dt)
-        if runs.has_diverged[0]:
-            raise DivergedError(
-                "The physics diverged under control. Push less, or raise effort_weight."
-            )
-        return runs.states[0, 1]
 
 
 @dataclass(frozen=True)
@@ -69,13 +36,23 @@ class ControlledMotion:
         """99th percentile of the time of a plan [ms]."""
         return float(np.percentile(self.plan_seconds, 99) * 1e3)
 
-    def followed_by(self, other: ControlledMotion) -> ControlledMotion:
-        """Return this motion and `other`, which begins where it ends."""
-        return ControlledMotion(
-            np.concatenate([self.states[:-1], other.states]),
-            np.concatenate([self.controls, other.controls]),
-            np.concatenate([self.plan_seconds, other.plan_seconds]),
-        )
+
+class Replanning:
+    """A controller that plans anew at every super step; the search begins with the last plan, moved on."""
+
+    def __init__(self, planner: Planner):
+        self.planner = planner
+        self.plans: list[Plan] = []
+
+    def __call__(self, state: np.ndarray) -> np.ndarray:
+        """Return the first control (C,) of the plan from `state` (S,)."""
+        first = moved_on(self.plans[-1].controls) if self.plans else None
+        self.plans.append(self.planner.plan(state, first))
+        return self.plans[-1].controls[0]
+
+    def timed(self, motion: ControlledMotion) -> ControlledMotion:
+        """Return the motion that was planned, with the times of its plans."""
+        return replace(motion, plan_seconds=np.array([plan.seconds for plan in self.plans]))
 
 
 def drive(
@@ -117,13 +94,10 @@ def control_plant(
     Plans use the parameters in the plant's states, or with an `estimator` its estimates instead.
     `on_step` is called after each super step.
     """
-    plans: list[Plan] = []
+    replanning = Replanning(planner)
 
     def first_control(step: int, state: np.ndarray) -> np.ndarray:
-        believed = state if estimator is None else estimator.believed(state)
-        first = moved_on(plans[-1].controls) if plans else None
-        plans.append(planner.plan(believed, first))
-        return plans[-1].controls[0]
+        return replanning(state if estimator is None else estimator.believed(state))
 
     def observed(state: np.ndarray, control: np.ndarray) -> np.ndarray:
         following = plant(state, control)
@@ -133,4 +107,4 @@ def control_plant(
 
     begin = planner.emulator.state.check(start, "state")
     motion = drive(observed, begin, first_control, steps, disturb, on_step=on_step)
-    return replace(motion, plan_seconds=np.array([plan.seconds for plan in plans]))
+    return replanning.timed(motion)

@@ -32,13 +32,13 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.learn.planning.planner import Planner
 from neuroanimator.learn.planning.plants import (
     ControlledMotion,
-    EmulatorPlant,
-    PhysicsPlant,
+    Replanning,
     control_plant,
     drive,
 )
 from neuroanimator.learn.planning.regulator import Regulator, regulator_of
 from neuroanimator.state.slowness import slowness
+from neuroanimator.systems.plants import EmulatorPlant, PhysicsPlant
 from neuroanimator.systems.system import System
 from neuroanimator.terminal import Rows, phase
 
@@ -133,19 +133,14 @@ def pursue_goal(
     with phase("searching for a motion to the goal"):
         way = _way(emulator, system, name, weight, begin, way_steps, regulator)
     search_seconds = time.perf_counter() - began
-    motion = drive(plant, begin, lambda step, _: way[step], way_steps, on_step=on_step)
-    if way_steps < steps:
-        there = motion.states[-1]
-        left = steps - way_steps
+    kept_by = Replanning(planner) if regulator is None else regulator
 
-        def on_kept(step: int) -> None:
-            on_step(way_steps + step)
+    def control_of(step: int, state: np.ndarray) -> np.ndarray:
+        return way[step] if step < way_steps else kept_by(state)
 
-        if regulator is None:
-            kept = control_plant(planner, plant, there, left, on_step=on_kept)
-        else:
-            kept = drive(plant, there, lambda _, state: regulator(state), left, on_step=on_kept)
-        motion = motion.followed_by(kept)
+    motion = drive(plant, begin, control_of, steps, on_step=on_step)
+    if isinstance(kept_by, Replanning):
+        motion = kept_by.timed(motion)
     return pursuit_of(motion, way_steps, search_seconds)
 
 

@@ -17,9 +17,10 @@ from neuroanimator.control.objective.goals import (
 )
 from neuroanimator.emulator.arrays import as_parameter
 from neuroanimator.errors import DivergedError
-from neuroanimator.learn.planning.plants import Plant, drive
+from neuroanimator.learn.planning.plants import drive
 from neuroanimator.state.layout import Bounds
 from neuroanimator.systems.goal import Goal
+from neuroanimator.systems.plants import Plant
 from neuroanimator.systems.system import System
 
 MAX_DRIFT = 0.1

@@ -44,4 +44,9 @@ def make_optimizer(
         "adam": optax.adam(rate, b2=ADAM_DECAY),
         "momentum": optax.sgd(rate, momentum=MOMENTUM),
     }
-    return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optimizers[config.optimizer])
+    return clipped(optimizers[config.optimizer])
+
+
+def clipped(optimizer: optax.GradientTransformation) -> optax.GradientTransformation:
+    """Return the optimiser, for gradients clipped to `MAX_GRADIENT`."""
+    return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optimizer)
