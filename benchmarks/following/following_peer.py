@@ -47,7 +47,7 @@ from neuroanimator.control.policies.state_policy import (
 )
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.gym.bodies import Bodies, returns_of
+from neuroanimator.gym.bodies import Bodies, episodes_of
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy, task_to_learn
 from neuroanimator.gym.state_rows import Stepper, physics_stepper
 from neuroanimator.physics import load_system
@@ -145,13 +145,13 @@ class FollowingRows(VectorEnv):
     def step(self, actions: Float[np.ndarray, "N C"]) -> Any:
         aims = _aims(self.motion, as_jax(self._bodies.states), as_jax(actions))
         moved = self._bodies.step(np.asarray(aims, float))
-        last = self._observe(moved.following)
+        last = self._observe(self._bodies.states)
         self._bodies.begin(self._rng, moved.is_last)
         observations = last
         if moved.is_last.any():
             observations = self._observe(self._bodies.states)
-        is_cut = moved.is_last & ~moved.is_fallen
-        return observations, moved.rewards, moved.is_fallen, is_cut, {"final_obs": last}
+        is_cut = moved.is_last & ~moved.is_over
+        return observations, moved.rewards, moved.is_over, is_cut, {"final_obs": last}
 
     def _observe(self, states: Float[np.ndarray, "N S"]) -> Float[np.ndarray, "N O"]:
         return np.asarray(_observed(self.view, as_jax(states)))
@@ -201,7 +201,7 @@ class Progress:
     def judge(self, plain: PlainPolicy) -> tuple[float, float]:
         """Return (mean return of episodes without noise, NaN: there is no other world)."""
         policy = policy_of(plain, self.task, self.emulator)
-        returns = returns_of(policy, self.stepper, self.task.rules, JUDGED, self.seed)
+        returns = episodes_of(policy, self.stepper, self.task.rules, JUDGED, self.seed).returns
         mean = float(returns.mean())
         if self.best is None or mean > max(point["mean_return"] for point in self.curve):
             self.best = policy

@@ -32,7 +32,7 @@ from benchmarks.harness import keep_rows, parser_of, show_rows
 from benchmarks.walking.walking import EPISODES, run
 from neuroanimator.cli.policy_returns import loaded_policy
 from neuroanimator.control.policies.state_policy import StatePolicy
-from neuroanimator.gym.bodies import Bodies, returns_of
+from neuroanimator.gym.bodies import Bodies, episodes_of
 from neuroanimator.gym.policy_task import PolicyTask
 from neuroanimator.gym.state_rows import EmulatorStepper, Leap, physics_stepper
 from neuroanimator.systems.system import System
@@ -94,14 +94,14 @@ def return_on_physics(policy: StatePolicy, system: System, task: PolicyTask, par
     """Return the policy's mean return on MuJoCo, by its rules, with `parts` steps in each of the model's own."""
     scheme = replace(system.scheme, dt=system.scheme.dt / parts)
     outside = physics_stepper(system, scheme, policy.dt)
-    return float(returns_of(policy, outside, task.rules, EPISODES, SEED).mean())
+    return float(episodes_of(policy, outside, task.rules, EPISODES, SEED).returns.mean())
 
 
 def return_inside(path: Path) -> float:
     """Return the mean return in the emulator of the policy at `path`, as `evaluate` does."""
     policy, _, task = loaded_policy(path, None)
     inside = EmulatorStepper(policy.emulator, np.inf, 0.0)
-    return float(returns_of(policy, inside, task.rules, EPISODES, 0).mean())
+    return float(episodes_of(policy, inside, task.rules, EPISODES, 0).returns.mean())
 
 
 def one_step_error(folder: Path) -> float:
@@ -128,7 +128,7 @@ def with_errors(policy: StatePolicy, system: System, task: PolicyTask) -> dict[s
             drawn = rng.integers(len(errors), size=len(states))
             return leap._replace(states=leap.states + share * errors[drawn])
 
-        found = returns_of(policy, noisy, task.rules, NOISY_EPISODES, SEED)
+        found = episodes_of(policy, noisy, task.rules, NOISY_EPISODES, SEED).returns
         returns[f"inside, {share:g} of its errors added"] = float(found.mean())
     return returns
 
@@ -147,7 +147,7 @@ def errors_of(policy: StatePolicy, system: System, task: PolicyTask) -> Float[np
         leap = inside(states, controls, np.ones(BODIES, bool))
         moved = bodies.step(controls)
         if step >= SETTLING:
-            errors.append(leap.states - moved.following)
+            errors.append(leap.states - bodies.states)
         bodies.begin(rng, moved.is_last)
     return np.concatenate(errors)
 

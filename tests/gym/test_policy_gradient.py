@@ -14,14 +14,13 @@ import pytest
 from neuroanimator import Emulator, NeuroAnimatorError, load_emulator, load_system
 from neuroanimator.control.policies.state_policy import load_state_policy
 from neuroanimator.gym import EpisodeRules
-from neuroanimator.gym.bodies import Bodies, environment_returns
+from neuroanimator.gym.bodies import Bodies, Rollouts, environment_returns
 from neuroanimator.gym.learn_policy import learn_policy
 from neuroanimator.gym.learner import Learner, PolicyLearning
 from neuroanimator.gym.locomotion import task_of
 from neuroanimator.gym.policy_gradient import (
     Actor,
     Minibatch,
-    Rollouts,
     action_gradients,
     advantages,
     policy_loss,

@@ -70,13 +70,13 @@ def pair(request: pytest.FixtureRequest, shipped: Emulator) -> Pair:
 
 def _short_task() -> TaskEnv:
     env = TaskEnv("pendulum-swing-up")
-    env.vector_env.steps = 4
+    env.vector_env.rows.steps = 4
     return env
 
 
 def _short_tasks(mode: AutoresetMode) -> TaskVectorEnv:
     env = TaskVectorEnv("pendulum-swing-up", ROWS, autoreset_mode=mode)
-    env.steps = 4
+    env.rows.steps = 4
     return env
 
 

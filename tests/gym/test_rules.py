@@ -105,7 +105,7 @@ def test_on_the_physics_the_rules_are_the_environment(task: Any):
     env.reset(options={"state": rows[0][0]})
     for _, action, following, observation, reward, terminated in rows:
         shown, paid, is_over, _, _ = env.step(action[None])
-        np.testing.assert_allclose(env.shown_states()[0], following, atol=1e-6)
+        np.testing.assert_allclose(env.rows.states[0], following, atol=1e-6)
         np.testing.assert_allclose(shown[0], observation, atol=1e-5)
         assert paid[0] == pytest.approx(reward, abs=1e-6)
         assert is_over[0] == terminated
@@ -133,7 +133,7 @@ def test_an_emulator_with_rules_has_the_spaces_of_the_environment(task: Any):
     theirs = gymnasium.make(env_id)
     assert ours.single_observation_space.shape == theirs.observation_space.shape
     assert ours.single_action_space == theirs.action_space
-    assert ours.steps == theirs.spec.max_episode_steps
+    assert ours.rows.steps == theirs.spec.max_episode_steps
     theirs.close()
 
 

@@ -69,7 +69,7 @@ def test_every_task_is_an_environment():
 def test_rewards_sum_to_what_was_taken_off_the_tasks_own_objective(many: TaskVectorEnv):
     many.reset(options={"trial": 3})
     trial, emulator = rows_of(many).trial(3), many.emulator
-    taken = actions_of(many, many.steps, share=0.3)
+    taken = actions_of(many, many.rows.steps, share=0.3)
     taken[:] = taken[:, :1]
     total, count, terminated = 0.0, 0, np.zeros(3, bool)
     for action in taken:
@@ -85,12 +85,12 @@ def test_rewards_sum_to_what_was_taken_off_the_tasks_own_objective(many: TaskVec
         terminated[0]
         and not trial.is_success(np.asarray(rows_of(many).episodes.states[0, : count + 1], float))
     )
-    held = np.zeros((many.steps, taken.shape[-1]))
-    still = np.repeat(trial.start[None], many.steps + 1, axis=0)
+    held = np.zeros((many.rows.steps, taken.shape[-1]))
+    still = np.repeat(trial.start[None], many.rows.steps + 1, axis=0)
     first = objective_cost(trial.objective, emulator, still, held)
     held[:count] = taken[:count, 0]
     motion = np.asarray(emulator.rollout(trial.start, held[:count]))
-    states = np.concatenate([motion, np.repeat(motion[-1:], many.steps - count, axis=0)])
+    states = np.concatenate([motion, np.repeat(motion[-1:], many.rows.steps - count, axis=0)])
     last = objective_cost(trial.objective, emulator, states, held)
     assert total == pytest.approx(1 - last / first, rel=0.02, abs=0.02)
 
@@ -99,7 +99,7 @@ def test_each_row_is_the_single_environment(many: TaskVectorEnv):
     taken = actions_of(many, 4)
     observations, info = many.reset(seed=5)
     steps = [many.step(action) for action in taken]
-    alone = TaskEnv(rows_of(many).task.name)
+    alone = TaskEnv(rows_of(many).solver.task.name)
     for row in (0, 2):
         first, told = alone.reset(seed=5 + row)
         np.testing.assert_allclose(first, observations[row], atol=1e-4)
@@ -123,10 +123,10 @@ def test_time_is_up_when_the_task_says_and_a_row_starts_anew():
     many = TaskVectorEnv("pendulum-swing-up", 2)
     many.reset(seed=0)
     still = np.zeros((2, 3), np.float32)
-    for number in range(many.steps):
+    for number in range(many.rows.steps):
         _, _, terminated, truncated, _ = many.step(still)
         assert not terminated.any()
-        assert truncated.all() == (number == many.steps - 1)
+        assert truncated.all() == (number == many.rows.steps - 1)
     observation, rewards, terminated, truncated, info = many.step(still)
     assert rewards.tolist() == [0, 0]
     assert not truncated.any()

@@ -21,7 +21,6 @@ from neuroanimator.gym.bodies import (
     environment_returns,
     episodes_of,
     motion_of,
-    returns_of,
 )
 from neuroanimator.gym.learn_policy import LearningReport
 from neuroanimator.gym.policy_task import PolicyTask, task_of_policy
@@ -186,7 +185,7 @@ def _returns(
             outside = episodes_of(policy, stepper, task.rules, episodes, seed)
     if task.environment and system.parameters:
         with phase(f"{episodes} episodes of random bodies"):
-            of_family = returns_of(policy, stepper, task.rules, episodes, seed)
+            of_family = episodes_of(policy, stepper, task.rules, episodes, seed).returns
     with phase(f"{episodes} episodes in the emulator"):
         leaps = EmulatorStepper(policy.emulator, np.inf, 0.0)
         inside = episodes_of(policy, leaps, task.rules, episodes, seed)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Shaped
 
 from neuroanimator.control.policies.policy import latent_structure
 from neuroanimator.control.policies.steering import leftward, unit
@@ -16,6 +16,7 @@ from neuroanimator.emulator.c_emulator import facts_of_emulator
 from neuroanimator.emulator.c_rows import RowFunction
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import probes_of
+from neuroanimator.emulator.trust import EDGE
 from neuroanimator.learn.tasks.task import Aim
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.segments import Position
@@ -38,6 +39,11 @@ class Steps(NamedTuple):
     """Whether the step begins `FAR` outside training."""
     ends_far: Bool[np.ndarray, " B"]
     """Whether it ends there, or in NaN."""
+
+    @property
+    def info(self) -> dict[str, Shaped[np.ndarray, " B"]]:
+        """Gymnasium's `info` of the step: its trust score, and whether that is within the edge of training."""
+        return {"covered": self.trust <= EDGE, "trust": self.trust}
 
 
 def step_rows(

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import gymnasium
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from neuroanimator.control.policies.state_policy import StatePolicy
+from neuroanimator.control.policies.state_policy import StatePolicy, controls_of
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.models import mjcf_of
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.gym.state_rows import NOISE, StateRows, Stepper
+from neuroanimator.gym.vector_env import StepResults
 from neuroanimator.learn.planning.environments import check_actions, mujoco_state
-
-
-class Moved(NamedTuple):
-    """Result of a step, a row each."""
-
-    following: Float[np.ndarray, "N S"]
-    rewards: Float[np.ndarray, " N"]
-    is_fallen: Bool[np.ndarray, " N"]
-    """Whether the rules ended the episode, or the physics diverged."""
-    is_last: Bool[np.ndarray, " N"]
-    """Whether the episode is over."""
 
 
 class Bodies:
@@ -45,38 +36,67 @@ class Bodies:
         if rules.draw_start is None:
             raise ArgumentError("rules: wanted rules with draw_start, which draws starts.")
         self.rows = StateRows(emulator, stepper, rules, None, NOISE)
-        self.is_cut = rules.is_cut
         self.disturb = rules.disturb
-        self.ages = np.zeros(count, np.int32)
-        self._restart(rng, np.ones(count, bool))
+        self._everywhere = np.ones(count, bool)
+        self.rows.restart([rng] * count, self._everywhere)
 
     @property
     def states(self) -> Float[np.ndarray, "N S"]:
         """Their current states."""
         return self.rows.states
 
+    @property
+    def ages(self) -> Int[np.ndarray, " N"]:
+        """Numbers of steps since the starts of their episodes."""
+        return self.rows.ages
+
     def begin(self, rng: np.random.Generator, rows: Bool[np.ndarray, " N"]) -> None:
         """Begin an episode in each of `rows`; apply the task's disturbances, if any, to all bodies."""
         if self.disturb is not None:
-            self.rows.begin(self.disturb(rng, self.states), np.ones(len(rows), bool))
+            self.rows.place(self.disturb(rng, self.states), self._everywhere)
         if rows.any():
-            self._restart(rng, rows)
-
-    def _restart(self, rng: np.random.Generator, rows: Bool[np.ndarray, " N"]) -> None:
-        self.rows.restart([rng] * int(rows.sum()), rows)
-        self.ages[rows] = 0
+            self.rows.restart([rng] * int(rows.sum()), rows)
 
     def resume(self, states: Float[np.ndarray, "N S"], ages: Int[np.ndarray, " N"]) -> None:
         """Resume with bodies in these states, `ages` steps after the starts of their episodes."""
-        self.rows.begin(states, np.ones(len(states), bool))
-        self.ages = ages.copy()
+        self.rows.place(states, self._everywhere)
+        self.rows.ages = ages
 
-    def step(self, controls: Float[np.ndarray, "N C"]) -> Moved:
+    def step(self, controls: Float[np.ndarray, "N C"]) -> StepResults:
         """Take a step."""
-        outcome = self.rows.step(self.rows.emulator.bounds.clip(controls))
-        self.ages += 1
-        is_last = outcome.is_over | (self.ages >= self.rows.steps) | self.is_cut(self.states)
-        return Moved(self.states, outcome.rewards, outcome.is_over, is_last)
+        return self.rows.step(self.rows.emulator.bounds.clip(controls))
+
+
+class Rollouts(NamedTuple):
+    """T steps of N bodies."""
+
+    states: Float[Array, "T N S"]
+    noise: Float[Array, "T N C"]
+    """Noise added to the outputs of the policy's network."""
+    controls: Float[Array, "T N C"]
+    following: Float[Array, "T N S"]
+    is_fallen: Bool[Array, "T N"]
+    """Whether the rules ended the episode: no reward follows."""
+    is_last: Bool[Array, "T N"]
+    """Whether the episode ended, by the rules or by its length."""
+
+
+def roll_out(
+    policy: StatePolicy,
+    bodies: Bodies,
+    noises: Iterable[Float[np.ndarray, "N C"]],
+    rng: np.random.Generator,
+) -> Rollouts:
+    """Return a step of `bodies` for each of `noises`, which are drawn one by one; episodes that end begin anew."""
+    steps = []
+    for noise in noises:
+        states = bodies.states.astype(np.float32)
+        controls = np.asarray(controls_of(policy, as_jax(states), as_jax(noise)))
+        outcome = bodies.step(controls)
+        following = bodies.states.astype(np.float32)
+        steps.append((states, noise, controls, following, outcome.is_over, outcome.is_last))
+        bodies.begin(rng, outcome.is_last)
+    return Rollouts(*(jnp.asarray(np.stack(part)) for part in zip(*steps, strict=True)))
 
 
 class WholeEpisodes(NamedTuple):
@@ -92,13 +112,6 @@ class WholeEpisodes(NamedTuple):
         return int((~self.is_fallen).sum())
 
 
-def returns_of(
-    policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, episodes: int, seed: int
-) -> Float[np.ndarray, " B"]:
-    """Return the returns of whole episodes without noise, of bodies that `stepper` moves."""
-    return episodes_of(policy, stepper, rules, episodes, seed).returns
-
-
 def episodes_of(
     policy: StatePolicy, stepper: Stepper, rules: EpisodeRules, episodes: int, seed: int
 ) -> WholeEpisodes:
@@ -109,12 +122,12 @@ def episodes_of(
     is_fallen = np.zeros(episodes, bool)
     goes_on = np.ones(episodes, bool)
     while goes_on.any():
-        controls = np.asarray(_controls(policy, as_jax(bodies.states)), float)
-        moved = bodies.step(controls)
-        total += np.where(goes_on, moved.rewards, 0)
-        is_fallen |= goes_on & moved.is_fallen
-        goes_on &= ~moved.is_last
-        bodies.begin(rng, moved.is_last)
+        controls = np.asarray(controls_of(policy, as_jax(bodies.states)), float)
+        outcome = bodies.step(controls)
+        total += np.where(goes_on, outcome.rewards, 0)
+        is_fallen |= goes_on & outcome.is_over
+        goes_on &= ~outcome.is_last
+        bodies.begin(rng, outcome.is_last)
     return WholeEpisodes(total, is_fallen)
 
 
@@ -125,9 +138,9 @@ def motion_of(
     bodies = Bodies(stepper, rules, policy.emulator, np.random.default_rng(seed), 1)
     states = [bodies.states[0]]
     for _ in range(steps):
-        moved = bodies.step(np.asarray(_controls(policy, as_jax(bodies.states)), float))
-        states.append(moved.following[0])
-        if moved.is_last[0]:
+        outcome = bodies.step(np.asarray(controls_of(policy, as_jax(bodies.states)), float))
+        states.append(bodies.states[0])
+        if outcome.is_last[0]:
             break
     return np.array(states)
 
@@ -153,15 +166,10 @@ def environment_returns(
         while not is_over:
             read = np.append(mujoco_state(environment, observation), parameters)
             state = policy.emulator.state.check(read, env_id)
-            action = np.asarray(_controls(policy, as_jax(state[None])))[0]
+            action = np.asarray(controls_of(policy, as_jax(state[None])))[0]
             observation, reward, is_terminated, is_truncated, _ = environment.step(action)
             total += float(reward)
             is_over = is_terminated or is_truncated
         returns.append(total)
     environment.close()
     return np.array(returns)
-
-
-@eqx.filter_jit
-def _controls(policy: StatePolicy, states: Float[Array, "B S"]) -> Float[Array, "B C"]:
-    return policy.control_of(states)

@@ -32,7 +32,7 @@ from neuroanimator.gym.rules import EpisodeRules, never
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.kinematics import Kinematics
-from neuroanimator.state.rotation import conjugate, multiply
+from neuroanimator.state.rotation import conjugate, multiply, rotate
 
 
 class Term(NamedTuple):
@@ -191,6 +191,9 @@ class Following(eqx.Module):
         return is_far | (self.tilt(states) > self.lost_tilt)
 
 
+_lost = eqx.filter_jit(Following.is_lost)
+
+
 def link_poses(
     kinematics: Kinematics, states: Float[Array, "*B S"]
 ) -> list[Float[Array, "*B 4 4"]]:
@@ -266,11 +269,6 @@ def _rewards(
     return (1 - SLIDING.weight) * earned + sliding
 
 
-@eqx.filter_jit
-def _lost(following: Following, states: Float[Array, "B S"]) -> Bool[Array, " B"]:
-    return following.is_lost(states)
-
-
 def _paid(term: Term, error: Float[Array, " *B"]) -> Float[Array, " *B"]:
     return term.weight * jnp.exp(-term.sharpness * error)
 
@@ -286,10 +284,8 @@ def _soles(model: mujoco.MjModel, feet: tuple[str, ...]) -> Float[np.ndarray, "F
         body = model.body(foot)
         for geom in range(int(body.geomadr[0]), int(body.geomadr[0] + body.geomnum[0])):
             centre, half = np.split(model.geom_aabb[geom], 2)
-            rotation = np.zeros(9)
-            mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-            corner = (centre + half * corners) @ rotation.reshape(3, 3).T
-            points.append(model.geom_pos[geom] + corner)
+            quaternion = np.array(model.geom_quat[geom])
+            points.append(model.geom_pos[geom] + rotate(quaternion, centre + half * corners))
         soles.append(np.concatenate(points or [np.zeros((1, 3))]))
     most = max(len(points) for points in soles)
     return np.array([np.resize(points, (most, 3)) for points in soles])

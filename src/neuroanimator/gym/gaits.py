@@ -31,7 +31,14 @@ from neuroanimator.errors import BadFileError
 from neuroanimator.gym.mixed_strides import mixed_strides
 from neuroanimator.physics.rigid.joints import JointView
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
-from neuroanimator.state.rotation import facing, heading_of, multiply, rotate, upward
+from neuroanimator.state.rotation import (
+    facing,
+    heading_of,
+    multiply,
+    of_unit_length,
+    rotate,
+    upward,
+)
 
 STRIDES = (0.0, 1 / 3, 2 / 3)
 """Lengths of the shorter strides stored with a motion on command, relative to its own."""
@@ -147,7 +154,7 @@ def _by_clock_of(
         for shift in range(count)
     ]
     states = np.roll(states, int(np.argmin(off)), axis=0)
-    states[:, ORIENTATION] /= np.linalg.norm(states[:, ORIENTATION], axis=1, keepdims=True)
+    states[:, ORIENTATION] = of_unit_length(states[:, ORIENTATION])
     for entry in (entries.clock.position_entry, entries.clock.velocity_entry):
         states[:, entry] = lap[:, entry]
     return states

@@ -9,6 +9,7 @@ Random numbers follow from the seed and the update's number alone.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -24,29 +25,25 @@ from neuroanimator.control.policies.state_policy import FIRST_GAIN, Perceptron, 
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError
-from neuroanimator.gym.bodies import Bodies
+from neuroanimator.gym.bodies import Bodies, Rollouts, roll_out
 from neuroanimator.gym.policy_gradient import (
     Actor,
     Critic,
     Minibatch,
-    Rollouts,
     action_gradients,
     advantages,
     critic_loss,
     emulator_loss,
-    noisy_controls,
     policy_loss,
     weight_of_gradients,
 )
 from neuroanimator.gym.rules import EpisodeRules, drawn_starts, unpaid
 from neuroanimator.gym.started_policy import check_start, started
 from neuroanimator.gym.state_rows import physics_stepper
-from neuroanimator.state.segments import Position
+from neuroanimator.learn.training.optimizer import clipped
+from neuroanimator.state.segments import Position, place_segments
 from neuroanimator.state.structure import Structure
 from neuroanimator.systems.system import System
-
-MAX_GRADIENT = 1.0
-"""Norm to which gradients are clipped."""
 
 EMULATOR_RATE = 5e-4
 """Learning rate of the emulator."""
@@ -217,13 +214,12 @@ class Learner:
         values = Perceptron.fresh((count, *learning.critic_widths, 1), critic_key, 1.0)
         actor = Actor(network, jnp.full(controls, np.log(learning.spread), jnp.float32))
         # optimisers and their states
-        self.optimizers = (
-            _clipped_adam(1.0), _clipped_adam(learning.critic_rate), optax.adam(EMULATOR_RATE)
-        )  # fmt: skip
+        of_policy = clipped(optax.adam(1.0))
+        of_critic = clipped(optax.adam(learning.critic_rate))
+        of_emulator = optax.adam(EMULATOR_RATE)
+        self.optimizers = (of_policy, of_critic, of_emulator)
         # Trees of weights do not match the types that optax declares.
         weights: Any = (actor, values, emulator.network)
-        first, second, third = self.optimizers
-        optimizer_states = (first.init(weights[0]), second.init(weights[1]), third.init(weights[2]))
         # bodies on the physics; rewards are those of whole rollouts at once: `advantages`.
         moving = replace(rules, reward=unpaid)
         stepper = physics_stepper(system, system.scheme, emulator.dt)
@@ -231,20 +227,23 @@ class Learner:
         # replay buffer: empty if no gradients count
         size = system.state.size
         stored = REPLAY_SIZE if self._uses_emulator else 0
+        before, held, after = (
+            np.zeros((stored, width), np.float32) for width in (size, controls, size)
+        )
         self.progress = LearnerState(
             actor=actor,
             critic=Critic(values, jnp.ones(())),
             network=emulator.network,
             view=view,
             rate=as_jax(rate),
-            optimizer_states=optimizer_states,
+            optimizer_states=(
+                of_policy.init(weights[0]),
+                of_critic.init(weights[1]),
+                of_emulator.init(weights[2]),
+            ),
             states=self.bodies.states,
             ages=self.bodies.ages,
-            replay_buffer=(
-                np.zeros((stored, size), np.float32),
-                np.zeros((stored, controls), np.float32),
-                np.zeros((stored, size), np.float32),
-            ),
+            replay_buffer=(before, held, after),
             best=(network, view, emulator.network),
         )
         self.counters = counters
@@ -327,16 +326,11 @@ class Learner:
     def _roll_out(self, rng: np.random.Generator, policy: StatePolicy) -> Rollouts:
         spread = np.exp(np.asarray(self.progress.actor.log_spread))
         shape = (self.learning.bodies, len(spread))
-        steps = []
-        for _ in range(self.learning.horizon):
-            states = self.bodies.states.astype(np.float32)
-            noise = (spread * rng.normal(size=shape)).astype(np.float32)
-            controls = np.asarray(noisy_controls(policy, as_jax(states), as_jax(noise)))
-            moved = self.bodies.step(controls)
-            following = moved.following.astype(np.float32)
-            steps.append((states, noise, controls, following, moved.is_fallen, moved.is_last))
-            self.bodies.begin(rng, moved.is_last)
-        return Rollouts(*(jnp.asarray(np.stack(part)) for part in zip(*steps, strict=True)))
+        noises = (
+            (spread * rng.normal(size=shape)).astype(np.float32)
+            for _ in range(self.learning.horizon)
+        )
+        return roll_out(policy, self.bodies, noises, rng)
 
     def _policy_data(
         self,
@@ -389,13 +383,10 @@ class Learner:
         unit = kept * critic.unit + (1 - kept) * (jnp.sqrt((values**2).mean()) + TINY)
         _, of_critic, _ = self.optimizers
         of_actor, optimizer_state, of_leaps = self.progress.optimizer_states
-        network, optimizer_state = _critic_epochs(
-            of_critic,
-            critic.network,
-            optimizer_state,
-            observations,
-            values / unit,
-            _minibatches(rng, len(values)),
+        rows = _minibatches(rng, len(values))
+        batches = (observations[rows], (values / unit)[rows])
+        network, optimizer_state, _ = _descend(
+            of_critic, critic_loss, critic.network, optimizer_state, batches
         )
         self.progress = self.progress._replace(
             critic=Critic(network, unit), optimizer_states=(of_actor, optimizer_state, of_leaps)
@@ -412,11 +403,10 @@ class Learner:
         square = np.asarray(view.deviation, float) ** 2
         variance = np.asarray(reading.variance, float)
         square += share * (variance - square) + share * (1 - share) * away**2
-        renewed = View(
-            jnp.asarray(mean + share * away, jnp.float32),
-            jnp.asarray(np.sqrt(square), jnp.float32),
-            view.entries,
-            view.reference,
+        renewed = replace(
+            view,
+            mean=jnp.asarray(mean + share * away, jnp.float32),
+            deviation=jnp.asarray(np.sqrt(square), jnp.float32),
         )
         self.progress = self.progress._replace(view=renewed)
         self.counters = self.counters._replace(observed=min(observed + count, int(MAX_OBSERVED)))
@@ -435,17 +425,14 @@ class Learner:
         batches = tuple(as_jax(kept[rows]) for kept in self.progress.replay_buffer)
         _, _, of_emulator = self.optimizers
         *others, optimizer_state = self.progress.optimizer_states
-        network, optimizer_state, loss = _emulator_steps(
-            of_emulator, self.emulator, self.progress.network, optimizer_state, batches
+        loss_of = eqx.Partial(emulator_loss, self.emulator)
+        network, optimizer_state, loss = _descend(
+            of_emulator, loss_of, self.progress.network, optimizer_state, batches
         )
         self.progress = self.progress._replace(
             network=network, optimizer_states=(*others, optimizer_state)
         )
         self.emulator_error = float(np.sqrt(loss))
-
-
-def _clipped_adam(rate: float) -> optax.GradientTransformation:
-    return optax.chain(optax.clip_by_global_norm(MAX_GRADIENT), optax.adam(rate))
 
 
 def _is_finite(tree: Any) -> bool:
@@ -507,37 +494,20 @@ def _policy_epochs(
 
 
 @eqx.filter_jit
-def _critic_epochs(
+def _descend(
     optimizer: optax.GradientTransformation,
-    network: Perceptron,
-    optimizer_state: Any,
-    observations: Float[Array, "B O"],
-    targets: Float[Array, " B"],
-    rows: Int[Array, "U M"],
-) -> tuple[Perceptron, Any]:
-    def update(carry: tuple, chosen: Array) -> tuple[tuple, None]:
-        network, optimizer_state = carry
-        gradient: Any = jax.grad(critic_loss)(network, observations[chosen], targets[chosen])
-        step, optimizer_state = optimizer.update(gradient, optimizer_state)
-        return (eqx.apply_updates(network, step), optimizer_state), None
-
-    (network, optimizer_state), _ = jax.lax.scan(update, (network, optimizer_state), rows)
-    return network, optimizer_state
-
-
-@eqx.filter_jit
-def _emulator_steps(
-    optimizer: optax.GradientTransformation,
-    emulator: Emulator,
+    loss: Callable[..., Array],
     network: Any,
     optimizer_state: Any,
     batches: tuple[Array, ...],
 ) -> tuple[Any, Any, Array]:
+    """Return (network, optimiser state, mean loss) after a step on each of `batches`, which lie along their first axes."""
+
     def update(carry: tuple, batch: tuple[Array, ...]) -> tuple[tuple, Array]:
         network, optimizer_state = carry
-        loss, gradient = jax.value_and_grad(emulator_loss)(network, emulator, *batch)
+        value, gradient = jax.value_and_grad(loss)(network, *batch)
         step, optimizer_state = optimizer.update(gradient, optimizer_state)
-        return (eqx.apply_updates(network, step), optimizer_state), loss
+        return (eqx.apply_updates(network, step), optimizer_state), value
 
     (network, optimizer_state), losses = jax.lax.scan(update, (network, optimizer_state), batches)
     return network, optimizer_state, losses.mean()
@@ -545,14 +515,10 @@ def _emulator_steps(
 
 def _observed_entries(structure: Structure) -> tuple[int, ...]:
     """Return the state entries that matter to a policy: all but a body's position along the ground."""
-    entry = 0
     observed: set[int] = set()
-    for segment in structure.segments:
-        entries = list(range(entry, entry + segment.size))
-        if isinstance(segment, Position):
-            entries = entries[2:]
-        observed.update(entries)
-        entry += segment.size
+    for placed in place_segments(structure.segments):
+        skipped = 2 if isinstance(placed.segment, Position) else 0
+        observed.update(range(placed.entries.start + skipped, placed.entries.stop))
     if not observed:
         observed.update(structure.plain)
         for angle in structure.angles:

@@ -48,10 +48,16 @@ def gymnasium_task(env_id: str) -> TaskTable:
     )
 
 
+def definition_of(text: str) -> Definition | None:
+    """Return the definition of a MuJoCo model in the JSON `text`; None for another system."""
+    written = read_definition_text(text).definition if text else None
+    return written if isinstance(written, Definition) else None
+
+
 def task_of(definition: str, label: str) -> TaskTable:
     """Return the task of the system in the JSON text `definition`; ArgumentError, which names `label`, if there is none."""
-    written = read_definition_text(definition).definition if definition else None
-    if isinstance(written, Definition) and written.task is not None:
+    written = definition_of(definition)
+    if written is not None and written.task is not None:
         return written.task
     raise ArgumentError(
         f"{label}: no [task]. 'neuroanimator new Hopper-v5' writes one for Gymnasium's environments that go forward; "

@@ -11,6 +11,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.state.rotation import of_unit_length
+
 STEPS = 40
 """Number of inverse kinematics steps per pose."""
 
@@ -44,17 +46,18 @@ def mixed_strides(
     states = slow + share * (fast - slow)
     states[:, clock] = fast[:, clock]
     positions = states[:, : model.nq]
-    _normalise(positions[:, 3:7])
+    positions[:, 3:7] = of_unit_length(positions[:, 3:7])
     data = mujoco.MjData(model)
+    bodies = [model.body(foot).id for foot in feet]
     for row in range(len(fast)):
-        slower = _foot_poses(model, data, slow[row, : model.nq], feet)
-        away = _foot_poses(model, data, fast[row, : model.nq], feet) - slower
+        slower = _foot_poses(model, data, slow[row, : model.nq], bodies)
+        away = _foot_poses(model, data, fast[row, : model.nq], bodies) - slower
         wanted = slower + share * away
         lifted = lifting * away[:, HEIGHT]
         wanted[:, HEIGHT] = slower[:, HEIGHT] + np.maximum(lifted, np.minimum(away[:, HEIGHT], 0))
-        _normalise(wanted[:, 3:])
+        wanted[:, 3:] = of_unit_length(wanted[:, 3:])
         for _ in range(STEPS):
-            _reach_nearer(model, data, positions[row], wanted, feet)
+            _reach_nearer(model, data, positions[row], wanted, bodies)
     rates = np.empty((len(fast), model.nv))
     following = np.roll(positions, -1, axis=0)
     before = np.roll(positions, 1, axis=0)
@@ -73,18 +76,15 @@ def _foot_poses(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     position: Float[np.ndarray, " Q"],
-    feet: tuple[str, ...],
+    feet: list[int],
 ) -> Float[np.ndarray, "F 7"]:
-    """Return position and quaternion of each foot, with signs such that w is positive."""
+    """Return position and quaternion of each of the bodies `feet`, with signs such that w is not negative."""
     data.qpos[:] = position
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    poses = []
-    for foot in feet:
-        body = model.body(foot).id
-        quaternion = data.xquat[body] * (np.sign(data.xquat[body, 0]) or 1.0)
-        poses.append(np.concatenate([data.xpos[body], quaternion]))
-    return np.reshape(poses, (len(feet), 7))
+    quaternions = data.xquat[feet]
+    signs = np.where(quaternions[:, :1] < 0, -1.0, 1.0)
+    return np.concatenate([data.xpos[feet], signs * quaternions], axis=1)
 
 
 def _reach_nearer(
@@ -92,36 +92,28 @@ def _reach_nearer(
     data: mujoco.MjData,
     position: Float[np.ndarray, " Q"],
     wanted: Float[np.ndarray, "F 7"],
-    feet: tuple[str, ...],
+    feet: list[int],
 ) -> None:
     """Move the feet nearer to their wanted poses by hinges and the root's height: one step of damped least squares."""
-    poses = _foot_poses(model, data, position, feet)
-    errors = []
-    jacobians = []
-    for foot, pose, aim in zip(feet, poses, wanted, strict=True):
-        body = model.body(foot).id
-        moving = np.zeros((3, model.nv))
-        turning = np.zeros((3, model.nv))
-        mujoco.mj_jacBody(model, data, moving, turning, body)
-        off = np.zeros(3)
-        mujoco.mju_subQuat(off, aim[3:], pose[3:])
-        turned = np.zeros(3)
-        mujoco.mju_rotVecQuat(turned, off, pose[3:])
-        errors += [aim[:3] - pose[:3], turned]
-        jacobians += [moving, turning]
-    if not errors:
+    if not feet:
         return
-    error = np.concatenate(errors)
-    jacobian = np.concatenate(jacobians)
+    poses = _foot_poses(model, data, position, feet)
+    error = np.zeros((len(feet), 6))
+    error[:, :3] = wanted[:, :3] - poses[:, :3]
+    jacobians = np.zeros((len(feet), 6, model.nv))
+    for foot, pose, aim, turned, jacobian in zip(
+        feet, poses, wanted, error[:, 3:], jacobians, strict=True
+    ):
+        mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], foot)
+        mujoco.mju_subQuat(turned, aim[3:], pose[3:])
+        mujoco.mju_rotVecQuat(turned, turned.copy(), pose[3:])
+    jacobian = jacobians.reshape(error.size, model.nv)
     held = [dof for dof in range(ROOT_DOFS) if dof != HEIGHT_DOF]
     jacobian[:, held] = 0
-    damped = jacobian @ jacobian.T + DAMPING * np.eye(len(error))
-    mujoco.mj_integratePos(model, position, jacobian.T @ np.linalg.solve(damped, error), 1.0)
+    damped = jacobian @ jacobian.T + DAMPING * np.eye(error.size)
+    step = jacobian.T @ np.linalg.solve(damped, error.ravel())
+    mujoco.mj_integratePos(model, position, step, 1.0)
     for joint in range(model.njnt):
         if model.jnt_limited[joint]:
             entry = model.jnt_qposadr[joint]
             position[entry] = np.clip(position[entry], *model.jnt_range[joint])
-
-
-def _normalise(quaternions: Float[np.ndarray, "B 4"]) -> None:
-    quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)

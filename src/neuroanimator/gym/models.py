@@ -15,6 +15,9 @@ from neuroanimator.errors import ArgumentError
 MUJOCO = Path(gymnasium.__file__).parent / "envs" / "mujoco"
 """Folder of Gymnasium's MuJoCo environments; their models lie in its `assets`."""
 
+INFINITY = "float('inf')"
+"""How these environments write infinity, which as a literal is a number too large."""
+
 RESETS = 256
 """Number of resets of an environment, which show where its episodes begin."""
 
@@ -49,9 +52,11 @@ def default_of(env_id: str, argument: str) -> Any:
     # Parsed, not imported: these modules need an imaging library that nothing else here needs.
     for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
         if isinstance(node, ast.arguments):
-            default = _default_in(node, argument)
-            if default is not None:
-                return ast.literal_eval(_Infinities().visit(default))
+            # Defaults belong to the last arguments.
+            with_defaults = zip(reversed(node.args), reversed(node.defaults), strict=False)
+            for given, default in with_defaults:
+                if given.arg == argument:
+                    return ast.literal_eval(ast.unparse(default).replace(INFINITY, "1e999"))
     return None
 
 
@@ -70,23 +75,3 @@ def reset_states(env_id: str) -> Float[np.ndarray, "B S"] | None:
         states.append(np.concatenate([env.data.qpos, env.data.qvel]))
     env.close()
     return np.array(states)
-
-
-class _Infinities(ast.NodeTransformer):
-    """Replaces calls such as `float("inf")` by their number."""
-
-    def visit_Call(self, node: ast.Call) -> ast.AST:
-        """Return the number of a call of `float`; other calls unchanged."""
-        if isinstance(node.func, ast.Name) and node.func.id == "float":
-            return ast.Constant(float(ast.literal_eval(node.args[0])))
-        return node
-
-
-def _default_in(arguments: ast.arguments, name: str) -> ast.expr | None:
-    """Return the default of an argument, as source; None if there is none."""
-    # Defaults belong to the last arguments.
-    with_defaults = zip(reversed(arguments.args), reversed(arguments.defaults), strict=False)
-    for argument, default in with_defaults:
-        if argument.arg == name:
-            return default
-    return None

@@ -15,11 +15,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from neuroanimator.control.policies.state_policy import Perceptron, StatePolicy, View
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.networks.network import Network
+from neuroanimator.gym.bodies import Rollouts
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.learn.training.loss import unrolled_loss
 
@@ -36,28 +37,6 @@ class Critic(eqx.Module):
 
     def __call__(self, observations: Float[Array, "*B O"]) -> Float[Array, " *B"]:
         return self.unit * self.network(observations)[..., 0]
-
-
-class Rollouts(NamedTuple):
-    """T steps of N bodies."""
-
-    states: Float[Array, "T N S"]
-    noise: Float[Array, "T N C"]
-    """Noise added to the outputs of the policy's network."""
-    controls: Float[Array, "T N C"]
-    following: Float[Array, "T N S"]
-    is_fallen: Bool[Array, "T N"]
-    """Whether the rules ended the episode: no reward follows."""
-    is_last: Bool[Array, "T N"]
-    """Whether the episode ended, by the rules or by its length."""
-
-
-@eqx.filter_jit
-def noisy_controls(
-    policy: StatePolicy, states: Float[Array, "N S"], noise: Float[Array, "N C"]
-) -> Float[Array, "N C"]:
-    """Return the controls of the policy for bodies in `states`."""
-    return policy.control_of(states, noise)
 
 
 @eqx.filter_jit
@@ -206,8 +185,8 @@ def critic_loss(
 
 
 def emulator_loss(
-    network: Network,
     emulator: Emulator,
+    network: Network,
     states: Float[Array, "B S"],
     controls: Float[Array, "B C"],
     following: Float[Array, "B S"],

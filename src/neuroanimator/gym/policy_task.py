@@ -8,13 +8,11 @@ from typing import NamedTuple
 
 from neuroanimator.control.policies.reference_motion import ReferenceMotion
 from neuroanimator.control.policies.state_policy import StatePolicy
-from neuroanimator.definitions.carried import read_definition_text
 from neuroanimator.definitions.follow import FollowTable
-from neuroanimator.definitions.model import Definition
 from neuroanimator.errors import ArgumentError
 from neuroanimator.gym.following import following_rules
 from neuroanimator.gym.learner import PolicyLearning
-from neuroanimator.gym.locomotion import locomotion_rules, task_of
+from neuroanimator.gym.locomotion import definition_of, locomotion_rules, task_of
 from neuroanimator.gym.read_motion import read_motion
 from neuroanimator.gym.rules import EpisodeRules
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
@@ -100,8 +98,8 @@ def task_of_policy(policy: StatePolicy, path: Path, system: System) -> PolicyTas
 
 def follow_table(definition: str) -> FollowTable | None:
     """Return the table [follow] of a definition; None if there is none. ArgumentError if there is a [task], too."""
-    written = read_definition_text(definition).definition if definition else None
-    if not isinstance(written, Definition) or written.follow is None:
+    written = definition_of(definition)
+    if written is None or written.follow is None:
         return None
     if written.task is not None:
         raise ArgumentError("[task] and [follow]: a policy does one or the other. Remove one.")

@@ -6,7 +6,7 @@ policy's controls, from none to several times that of learning, so that an emula
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -14,9 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.control.policies.state_policy import StatePolicy
-from neuroanimator.emulator.arrays import as_jax
-from neuroanimator.gym.bodies import Bodies
-from neuroanimator.gym.policy_gradient import noisy_controls
+from neuroanimator.gym.bodies import Bodies, roll_out
 from neuroanimator.gym.policy_task import PolicyTask
 from neuroanimator.gym.rules import unpaid
 from neuroanimator.gym.state_rows import physics_stepper
@@ -63,24 +61,21 @@ def policy_transitions(
     stepper = physics_stepper(system, system.scheme, policy.dt)
     bodies = Bodies(stepper, rules, policy.emulator, rng, BODIES)
     steps = -(-count // BODIES)
-    levels = task.learning.spread * np.resize(NOISE, BODIES)
-    controls_size = policy.emulator.control.size
-    noise = np.zeros((BODIES, controls_size))
-    states = np.zeros((steps + 1, BODIES, policy.emulator.state.size), np.float32)
-    controls = np.zeros((steps, BODIES, controls_size), np.float32)
-    goes_on = np.zeros((steps, BODIES), bool)
-    states[0] = bodies.states
-    for step in range(steps):
-        drawn = rng.normal(size=noise.shape)
-        noise = np.where(rng.random((BODIES, 1)) < HELD_SHARE, noise, drawn)
-        added = (levels[:, None] * noise).astype(np.float32)
-        chosen = np.asarray(noisy_controls(policy, as_jax(states[step]), as_jax(added)))
-        controls[step] = policy.emulator.bounds.clip(chosen)
-        moved = bodies.step(controls[step])
-        bodies.begin(rng, moved.is_last)
-        states[step + 1] = bodies.states
-        goes_on[step] = (bodies.states == moved.following).all(axis=1)
-        on_share((step + 1) / steps)
+    levels = task.learning.spread * np.resize(NOISE, (BODIES, 1))
+
+    def noises() -> Iterator[Float[np.ndarray, "N C"]]:
+        noise = np.zeros((BODIES, policy.emulator.control.size))
+        for step in range(steps):
+            drawn = rng.normal(size=noise.shape)
+            noise = np.where(rng.random((BODIES, 1)) < HELD_SHARE, noise, drawn)
+            yield (levels * noise).astype(np.float32)
+            on_share((step + 1) / steps)
+
+    rollouts = roll_out(policy, bodies, noises(), rng)
+    following = np.asarray(rollouts.following)
+    states = np.concatenate([rollouts.states, following[-1:]])
+    goes_on = (states[1:] == following).all(axis=2)
+    controls = policy.emulator.bounds.clip(np.asarray(rollouts.controls)).astype(np.float32)
     config = DatasetConfig(
         system=system.name,
         definition=system.definition_text,

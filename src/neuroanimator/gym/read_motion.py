@@ -59,48 +59,48 @@ def read_motion(path: Path, table: FollowTable, system: System) -> ReferenceMoti
     dt = table.hold * system.physics_dt
     jointed = [view for view in body.views[1:] if view not in (clock, heading)]
     hinges = tuple(view.position_entry for view in jointed)
-    states = _read_states(path, table, body, clock, heading, hinges)
+    clip = _read_clip(path, table, body, clock, heading, hinges)
     rates = tuple(view.velocity_entry for view in jointed)
+    servos = [body.views[joint] for joint in body.model.actuator_trnid[:, 0]]
     velocity = body.views[0].velocity_entry
     commands = None
     if table.commands is not None and heading is not None:
-        walk = GaitClip(path, states)
         run = None
         if table.commands.faster is not None:
             faster = path.parent / table.commands.faster
-            run = GaitClip(faster, _read_states(faster, table, body, clock, heading, hinges))
+            run = _read_clip(faster, table, body, clock, heading, hinges)
         entries = GaitEntries(clock, heading, velocity, hinges)
-        laps, commands = on_command(body, walk, run, table.commands, table.feet, entries, dt)
+        laps, commands = on_command(body, clip, run, table.commands, table.feet, entries, dt)
     else:
-        laps = _laid_out(states, table.laps, clock.position_entry, velocity)
+        laps = _laid_out(clip.states, table.laps, clock.position_entry, velocity)
     if len(laps) > MAX_FRAMES:
         raise ArgumentError(
             f"follow.laps: {len(laps):,} states in all; wanted at most {MAX_FRAMES:,}. Repeat the motion less often."
         )
     return ReferenceMotion(
         frames=jnp.asarray(laps, jnp.float32),
-        lap=len(states) - 1,
+        lap=len(clip.states) - 1,
         phase=clock.position_entry,
         velocity=velocity,
         hinges=hinges,
         rates=rates,
-        driven=_driven(body.model),
-        driven_rates=_driven_rates(body.model),
+        driven=tuple(view.position_entry for view in servos),
+        driven_rates=tuple(view.velocity_entry for view in servos),
         leads=_leads(body.model),
         reach=table.reach,
         commands=commands,
     )
 
 
-def _read_states(
+def _read_clip(
     path: Path,
     table: FollowTable,
     body: MujocoSystem,
     clock: JointView,
     heading: JointView | None,
     hinges: tuple[int, ...],
-) -> Float[np.ndarray, "K S"]:
-    """Return the states of a clip, the clock's rate constant and a commanded heading zero; BadFileError for another body."""
+) -> GaitClip:
+    """Return a clip, the clock's rate constant and a commanded heading zero; BadFileError for one of another body."""
     layout = body.state
     if heading is not None:
         layout = _without(layout, heading)
@@ -115,7 +115,7 @@ def _read_states(
     states[:, clock.velocity_entry] = TURN / (dt * (len(states) - 1))
     if table.laps > 1 or heading is not None:
         _check_seam(path, states, hinges, body.state)
-    return states
+    return GaitClip(path, states)
 
 
 def _hinge(body: MujocoSystem, name: str, label: str) -> JointView:
@@ -159,25 +159,11 @@ def _servoed(system: System) -> MujocoSystem:
     return system
 
 
-def _driven(model: mujoco.MjModel) -> tuple[int, ...]:
-    """Return the state entry of the angle that each servo controls."""
-    joints = model.actuator_trnid[:, 0]
-    return tuple(int(model.jnt_qposadr[joint]) for joint in joints)
-
-
-def _driven_rates(model: mujoco.MjModel) -> tuple[int, ...]:
-    """Return the state entry of that angle's velocity."""
-    joints = model.actuator_trnid[:, 0]
-    return tuple(model.nq + int(model.jnt_dofadr[joint]) for joint in joints)
-
-
 def _leads(model: mujoco.MjModel) -> tuple[float, ...]:
     """Return the lag of each servo behind a steady rotation [s]."""
-    leads = []
-    for actuator, joint in enumerate(model.actuator_trnid[:, 0]):
-        damping = model.dof_damping[model.jnt_dofadr[joint]] - model.actuator_biasprm[actuator, 2]
-        leads.append(float(damping / model.actuator_gainprm[actuator, 0]))
-    return tuple(leads)
+    joints = model.actuator_trnid[:, 0]
+    damping = model.dof_damping[model.jnt_dofadr[joints]] - model.actuator_biasprm[:, 2]
+    return tuple((damping / model.actuator_gainprm[:, 0]).tolist())
 
 
 def _check_rate(path: Path, times: Float[np.ndarray, " K"], dt: float, hold: int) -> None:

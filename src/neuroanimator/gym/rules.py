@@ -74,7 +74,7 @@ class EpisodeRules:
     steps: int | None = None
     """Number of super steps after which an episode is truncated; None for the default length."""
     is_cut: Ending = never
-    """Whether episodes are truncated before `steps`; used while policies learn."""
+    """Whether episodes are truncated before `steps`."""
     disturb: Disturbance | None = None
     """Changes to bodies between two steps, such as new commands; used while policies learn."""
 

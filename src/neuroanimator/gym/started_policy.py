@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -39,11 +41,10 @@ def started(start: StatePolicy, view: View, states: Float[Array, "B S"]) -> tupl
     deviation = shown.std(axis=0)
     mean[is_taken] = np.asarray(start.view.mean)[is_taken[:known]]
     deviation[:known] = start.view.deviation
-    begun = View(
-        jnp.asarray(mean, jnp.float32),
-        jnp.asarray(deviation, jnp.float32),
-        view.entries,
-        view.reference,
+    begun = replace(
+        view,
+        mean=jnp.asarray(mean, jnp.float32),
+        deviation=jnp.asarray(deviation, jnp.float32),
     )
     first, *others, last = start.network.weights
     unknown = jnp.zeros((len(mean) - known, first.shape[1]))

@@ -82,8 +82,7 @@ class EmulatorStepper:
         trust = np.nan_to_num(made.trust, nan=np.inf)
         beyond = np.clip(trust, EDGE, MAX_PENALISED) - EDGE
         is_lost = made.begins_far | made.ends_far | (trust > self._trust_limit)
-        info = {"covered": trust <= EDGE, "trust": made.trust}
-        return Leap(following, is_lost, self._trust_penalty * beyond, info)
+        return Leap(following, is_lost, self._trust_penalty * beyond, made.info)
 
 
 def physics_stepper(system: System, scheme: Scheme, dt: float) -> Stepper:
@@ -146,11 +145,11 @@ class StateRows(EpisodeRows):
     def check(self, start: ArrayLike) -> Float[np.ndarray, "*B S"]:
         return self.emulator.state.check(start, "state")
 
-    def begin(self, starts: Float[np.ndarray, "B S"], rows: Bool[np.ndarray, " B"]) -> None:
+    def place(self, starts: Float[np.ndarray, "B S"], rows: Bool[np.ndarray, " B"]) -> None:
         self._is_new = self._is_new | rows
         self.states = starts if rows.all() else np.where(rows[:, None], starts, self.states)
 
-    def step(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
+    def advance(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
         before = self.states
         made = self._stepper(before, controls, self._is_new)
         with np.errstate(all="ignore"):  # a diverged row has no finite reward
@@ -159,7 +158,7 @@ class StateRows(EpisodeRows):
         rewards = np.nan_to_num(paid - made.penalties, posinf=0.0, neginf=0.0)
         self._is_new = np.zeros(len(before), bool)
         self.states = made.states
-        return StepResults(rewards, is_over, made.info)
+        return StepResults(rewards, is_over, made.info, self._rules.is_cut(made.states))
 
     def observe(self) -> Float[np.ndarray, "B O"]:
         return np.array(self._rules.observe(self.states), np.float32)

@@ -14,10 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from neuroanimator.control.objective.objective import Objective, Trajectory
-from neuroanimator.emulator.emulator import Emulator
-from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.zoo import emulator_name
 from neuroanimator.gym.batched_step import (
     MAX_OBSERVATION,
     Aims,
@@ -27,15 +24,11 @@ from neuroanimator.gym.batched_step import (
 )
 from neuroanimator.gym.vector_env import EpisodeRows, StepResults
 from neuroanimator.learn.tasks.all_tasks import TASKS
-from neuroanimator.learn.tasks.task import Task, Trial
-from neuroanimator.physics import load_system
+from neuroanimator.learn.tasks.solver import Solver
 from neuroanimator.state.arrays import AnyArray
 
 TRIALS = 100
 """Number of starts and goals from which an episode is drawn: those that `benchmarks/control/control.py` solves."""
-
-TRIAL_STREAM = 5
-"""Number of the random stream of trials: that of the benchmark."""
 
 RIGID_SCALE = 10.0
 """Unit of distances to the goal for rigid bodies [m]: about as far as truck and lander go."""
@@ -69,12 +62,12 @@ class TaskRows(EpisodeRows):
     def __init__(self, task: str):
         if task not in TASKS:
             raise ArgumentError(f"No task called '{task}'. Tasks: {', '.join(TASKS)}.")
-        self.task: Task = TASKS[task]
-        self.emulator = Emulator.load(emulator_name(self.task.system, self.task.substeps))
-        self.system = load_system(self.task.system)
-        self.steps = round(self.task.seconds / self.emulator.dt)
-        self.trial = cache(self._draw_trial)
-        self.scale = self.system.body_length or RIGID_SCALE
+        self.solver = Solver.shipped(TASKS[task])
+        self.emulator = self.solver.emulator
+        self.steps = self.solver.steps
+        self.trial = cache(self.solver.draw)
+        self.scale = self.solver.system.body_length or RIGID_SCALE
+        self.numbers: Int[np.ndarray, " *B"] = np.zeros((), int)
         self._observer = Observer(
             self.emulator, self.scale, self.trial(self.first).aim.is_in_a_fixed_world
         )
@@ -85,7 +78,7 @@ class TaskRows(EpisodeRows):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
-        self.trial = cache(self._draw_trial)
+        self.trial = cache(self.solver.draw)
         self._trials = [self.trial(int(number)) for number in self.numbers]
 
     def draw(self, random: Sequence[np.random.Generator]) -> Int[np.ndarray, " R"]:
@@ -98,69 +91,57 @@ class TaskRows(EpisodeRows):
             raise ArgumentError(f"trial: wanted numbers from 0 to {TRIALS - 1}, got {start}.")
         return numbers
 
-    def begin(self, starts: Int[np.ndarray, " B"], rows: Bool[np.ndarray, " B"]) -> None:
-        if not rows.all():
-            starts = np.where(rows, starts, self.numbers)
-        self.numbers = np.array(starts)
-        self._trials = [self.trial(int(number)) for number in starts]
+    def place(self, starts: Int[np.ndarray, " B"], rows: Bool[np.ndarray, " B"]) -> None:
+        self.numbers = np.where(rows, starts, self.numbers)
+        self._trials = [self.trial(int(number)) for number in self.numbers]
         self._objectives = _stacked([trial.objective for trial in self._trials])
         self._aims = Aims.of([trial.aim for trial in self._trials])
         begun = self._begun()
-        counts = np.zeros(len(rows), int)
-        if not rows.all():
-            pairs = zip(begun, self.episodes, strict=True)
-            begun = Episodes(*[_chosen(rows, new, old) for new, old in pairs])
-            counts = np.where(rows, 0, self._counts)
-        self.episodes = begun
-        self.states = begun.states[np.arange(len(rows)), counts]
-        self._counts = counts
+        if rows.all():
+            self.episodes = begun
+        for part, new in zip(self.episodes, begun, strict=True):
+            part[rows] = new[rows]
+        self.states = self.episodes.states[np.arange(len(rows)), self.ages]
 
-    def step(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
+    def advance(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
         """Take a super step; a row that has taken all its super steps keeps its motion."""
         before = self.episodes
-        counts = self._counts
+        counts = self.ages
         made = step_rows(self.emulator, before.latent, controls)
-        is_to_come = np.arange(self.steps + 1) > counts[:, None]
+        is_to_come = np.arange(self.solver.steps + 1) > counts[:, None]
         states = np.where(is_to_come[..., None], made.states[:, None], before.states)
-        is_held = np.arange(self.steps) == counts[:, None]
+        is_held = np.arange(self.solver.steps) == counts[:, None]
         held = np.where(is_held[..., None], controls[:, None], before.controls)
         cost = self._costs(held, states)
         with np.errstate(all="ignore"):  # a diverged row has no finite cost
             rewards = np.nan_to_num((before.cost - cost) / before.first_cost)
         self.episodes = Episodes(made.latent, held, states, cost, before.first_cost)
         self.states = made.states
-        self._counts = counts + 1
-        paths = [
-            path[: count + 2] for path, count in zip(states.astype(float), counts, strict=True)
-        ]
-        pairs = list(zip(self._trials, paths, strict=True))
-        has_succeeded = np.array(
-            [np.isfinite(path).all() and trial.is_success(path) for trial, path in pairs], bool
-        )
-        is_lost = np.array([trial.has_failed(path) for trial, path in pairs], bool)
-        has_failed = made.ends_far | (is_lost & ~has_succeeded)
-        info = {"covered": made.trust <= EDGE, "trust": made.trust, "success": has_succeeded}
+        has_succeeded = np.zeros(len(counts), bool)
+        has_failed = made.ends_far.copy()
+        for row, trial in enumerate(self._trials):
+            path = states[row, : counts[row] + 2].astype(float)
+            has_succeeded[row] = np.isfinite(path).all() and trial.is_success(path)
+            has_failed[row] |= trial.has_failed(path) and not has_succeeded[row]
+        info = made.info | {"success": has_succeeded}
         earned = rewards + BONUS * has_succeeded - BONUS * has_failed
         return StepResults(earned, has_succeeded | has_failed, info)
 
     def observe(self) -> Float[np.ndarray, "B O"]:
-        time_left = 1 - self._counts / self.steps
+        time_left = 1 - self.ages / self.solver.steps
         return observe_rows(self._observer, self.episodes.latent, self._aims, time_left)
 
     def facts(self) -> dict[str, Int[np.ndarray, " B"]]:
         return {"trial": self.numbers}
 
-    def _draw_trial(self, number: int) -> Trial:
-        """Return the trial of that number, always the same: that of the benchmark."""
-        rng = np.random.default_rng([number, TRIAL_STREAM])
-        return self.task.draw(self.system, rng, self.steps, self.emulator.dt)
-
     def _begun(self) -> Episodes:
         """Return the episodes of all trials at their starts."""
         starts = np.stack([np.asarray(trial.start, float) for trial in self._trials])
         latent = np.asarray(self.emulator.encode(starts), np.float32)
-        states = np.repeat(starts[:, None].astype(np.float32), self.steps + 1, axis=1)
-        controls = np.zeros((len(starts), self.steps, self.emulator.control.size), np.float32)
+        states = np.repeat(starts[:, None].astype(np.float32), self.solver.steps + 1, axis=1)
+        controls = np.zeros(
+            (len(starts), self.solver.steps, self.emulator.control.size), np.float32
+        )
         cost = self._costs(controls, states)
         return Episodes(latent, controls, states, cost, cost)
 
@@ -169,7 +150,7 @@ class TaskRows(EpisodeRows):
     ) -> Float[np.ndarray, " B"]:
         """Return J of each row by its own objective."""
         scale = np.asarray(self.emulator.bounds.magnitude, np.float32)
-        return np.asarray(_costs(self._objectives, controls, states, scale, self.emulator.dt))
+        return np.array(_costs(self._objectives, controls, states, scale, self.emulator.dt))
 
 
 @eqx.filter_jit
@@ -184,13 +165,6 @@ def _costs(
         return objective(Trajectory(path, held, scale, dt))
 
     return eqx.filter_vmap(cost)(objectives, controls, states)
-
-
-def _chosen(
-    rows: Bool[np.ndarray, " B"], new: Float[np.ndarray, "B ..."], old: Float[np.ndarray, "B ..."]
-) -> Float[np.ndarray, "B ..."]:
-    """Return `new` in `rows`, and `old` elsewhere."""
-    return np.where(rows.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
 
 
 def _stacked(rows: list[Any]) -> Any:

@@ -13,7 +13,7 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from jax._src import xla_bridge
-from jaxtyping import Bool, Float, Shaped, UInt8
+from jaxtyping import Bool, Float, Int, Shaped, UInt8
 from numpy.typing import ArrayLike
 
 from neuroanimator.emulator.emulator import Emulator
@@ -53,6 +53,13 @@ class StepResults(NamedTuple):
     is_over: Bool[np.ndarray, " B"]
     """Whether the episode ends for another reason than its length."""
     info: dict[str, Shaped[np.ndarray, " B"]]
+    is_cut: Bool[np.ndarray, " B"] | bool = False
+    """Whether it ends by its length."""
+
+    @property
+    def is_last(self) -> Bool[np.ndarray, " B"]:
+        """Whether it ends."""
+        return self.is_over | self.is_cut
 
 
 class EpisodeRows(ABC):
@@ -70,6 +77,8 @@ class EpisodeRows(ABC):
     """Maximum magnitude of observations."""
     states: Float[np.ndarray, "B S"]
     """Current states, which pictures show."""
+    ages: Int[np.ndarray, " *B"] = np.zeros((), np.int32)
+    """Number of super steps since each episode began."""
 
     @abstractmethod
     def draw(self, random: Sequence[np.random.Generator]) -> Shaped[np.ndarray, "R ..."]:
@@ -80,16 +89,27 @@ class EpisodeRows(ABC):
         """Return one start or many as an array; ArgumentError for invalid ones."""
 
     @abstractmethod
-    def begin(self, starts: Shaped[np.ndarray, "B ..."], rows: Bool[np.ndarray, " B"]) -> None:
-        """Begin an episode in each of `rows`, and leave the others."""
+    def place(self, starts: Shaped[np.ndarray, "B ..."], rows: Bool[np.ndarray, " B"]) -> None:
+        """Put each of `rows` in its start, and leave the others."""
 
     @abstractmethod
-    def step(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
-        """Take a super step."""
+    def advance(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
+        """Take the super step that `step` counts."""
 
     @abstractmethod
     def observe(self) -> Float[np.ndarray, "B O"]:
         """Return the observations, as a new array."""
+
+    def begin(self, starts: Shaped[np.ndarray, "B ..."], rows: Bool[np.ndarray, " B"]) -> None:
+        """Begin an episode in each of `rows`, and leave the others."""
+        self.ages = np.where(rows, 0, self.ages)
+        self.place(starts, rows)
+
+    def step(self, controls: Float[np.ndarray, "B C"]) -> StepResults:
+        """Take a super step."""
+        outcome = self.advance(controls)
+        self.ages = self.ages + 1
+        return outcome._replace(is_cut=outcome.is_cut | (self.ages >= self.steps))
 
     def restart(self, random: Sequence[np.random.Generator], rows: Bool[np.ndarray, " B"]) -> None:
         """Begin an episode in each of `rows`, at a random start from each of `random`."""
@@ -135,7 +155,6 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         emulator = rows.emulator
         self.rows = rows
         self.emulator = emulator
-        self.steps = rows.steps
         self.num_envs = num_envs
         self.render_mode = checked_render_mode(render_mode)
         if self.render_mode is not None and not emulator.skeleton.bones:
@@ -152,7 +171,6 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._camera = LiveCamera(emulator.spec)
         self.random = [np_random()[0] for _ in range(num_envs)]
-        self._counts = np.zeros(num_envs, int)
         self._has_ended = np.zeros(num_envs, bool)
         self._everywhere = np.ones(num_envs, bool)
         self._begin(np.asarray(rows.first), self._everywhere)
@@ -213,10 +231,9 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         controls = self._checked_actions(actions).astype(np.float32)
         is_old = ~self._has_ended
         outcome = self.rows.step(controls)
-        self._counts = self._counts + 1
         self._restart(self._has_ended)
         terminated = outcome.is_over & is_old
-        truncated = (self._counts >= self.steps) & ~terminated
+        truncated = outcome.is_cut & is_old & ~terminated
         self._has_ended = terminated | truncated
         info: dict[str, Any] = {}
         goes_on = is_old
@@ -228,15 +245,11 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         rewards = np.where(is_old, outcome.rewards, 0.0)
         return self.rows.observe(), rewards, terminated, truncated, info
 
-    def shown_states(self) -> Float[np.ndarray, "B S"]:
-        """Return the states that pictures show."""
-        return self.rows.states
-
     def render(self) -> tuple[UInt8[np.ndarray, "H W 3"], ...] | None:
         """Return a picture of each row if `render_mode` is `rgb_array`; ResourceError without graphics."""
         if self.render_mode is None:
             return None
-        return tuple(self._camera.picture(state) for state in self.shown_states())
+        return tuple(self._camera.picture(state) for state in self.rows.states)
 
     def close_extras(self, **_: Any) -> None:
         """Free the memory of pictures."""
@@ -251,17 +264,13 @@ class RowsVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"{self.rows.option}: wanted shape {one} or {wanted}, got {starts.shape}."
             )
         self.rows.begin(np.broadcast_to(starts, wanted), rows)
-        self._have_begun(rows)
+        self._has_ended = self._has_ended & ~rows
 
     def _restart(self, rows: Bool[np.ndarray, " B"]) -> None:
         """Begin an episode at a random start in each of `rows`."""
         if not rows.any():
             return
         self.rows.restart([self.random[row] for row in np.flatnonzero(rows)], rows)
-        self._have_begun(rows)
-
-    def _have_begun(self, rows: Bool[np.ndarray, " B"]) -> None:
-        self._counts = np.where(rows, 0, self._counts)
         self._has_ended = self._has_ended & ~rows
 
     def _final_info(self, info: dict[str, Shaped[np.ndarray, " B"]]) -> dict[str, Any]:
