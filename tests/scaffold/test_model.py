@@ -226,7 +226,7 @@ def test_the_toml_says_all_of_the_definition_and_nothing_else(cart_proposal: tup
     ("change", "message"),
     [
         (lambda xml: xml.replace("<motor", "<!--").replace('limited="true"/>', "-->"), "no actuators"),
-        (lambda xml: xml.replace('"hinge" type', '"track.velocity" type'), "would be called 'track.velocity'"),
+        (lambda xml: xml.replace('"hinge" type', '"track.velocity" type'), "two parts are called 'track.velocity'"),
         (lambda xml: xml.replace('timestep="0.01"', 'timestep="-1"'), "timestep"),
         (lambda xml: xml.replace("<body name=\"cart\">", '<include file="../x.xml"/><body name="cart">'), r"\.\."),
         (lambda xml: xml.replace("</worldbody>", '<flexcomp name="x" type="grid" count="3 3 1"/></worldbody>'), "mocap bodies"),

@@ -177,7 +177,7 @@ def test_switched_off_actuators_are_refused(tmp_path: Path):
 def test_actuators_whose_names_clash_are_refused(tmp_path: Path):
     clashing = ARM.replace('<motor joint="elbow"', '<motor name="actuator_0" joint="elbow"')
     (tmp_path / "clash.xml").write_text(clashing)
-    with pytest.raises(NeuroAnimatorError, match="Two actuators would be called 'actuator_0'"):
+    with pytest.raises(NeuroAnimatorError, match="actuators: two parts are called 'actuator_0'"):
         propose(tmp_path / "clash.xml")
 
 

@@ -12,7 +12,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from neuroanimator.text import quoted
+from neuroanimator.errors import ArgumentError
+from neuroanimator.text import did_you_mean, listed, quoted
 
 SYSTEM_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$"
 """Pattern of the name of a system or goal: no dot and no slash, so that none can be a path."""
@@ -60,12 +61,27 @@ def check_label(value: object, what: str) -> str:
     return value
 
 
+def check_known(names: Iterable[str], known: Iterable[str], noun: str, where: str = "") -> None:
+    """Raise ArgumentError for the first of `names` that is not among the `known` ones, which it lists.
+
+    `noun` says what they are, and `where` a name was given.
+    """
+    valid = list(known)
+    for name in names:
+        if name not in valid:
+            begin = f"{where}: no" if where else "No"
+            raise ArgumentError(
+                f"{begin} {noun} called {quoted(name)}. {did_you_mean(name, valid)}"
+                f"{noun.capitalize()}s: {listed(valid) or 'none'}."
+            )
+
+
 def refuse_twins(names: Iterable[str], what: str) -> None:
-    """Raise ValueError if two of `names` are the same."""
+    """Raise ArgumentError if two of `names` are the same."""
     earlier: set[str] = set()
     for name in names:
         if name in earlier:
-            raise ValueError(f"{what}: two parts are called {quoted(name)}")
+            raise ArgumentError(f"{what}: two parts are called {quoted(name)}. Rename one of them.")
         earlier.add(name)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.text import listed
+from neuroanimator.files.names import check_known
 
 
 def check_groups(groups: Mapping[str, Sequence[str]], names: Sequence[str], noun: str) -> None:
@@ -15,11 +15,8 @@ def check_groups(groups: Mapping[str, Sequence[str]], names: Sequence[str], noun
     """
     group_of: dict[str, str] = {}
     for group, members in groups.items():
+        check_known(members, names, noun, f"groups.{group}")
         for member in members:
-            if member not in names:
-                raise ArgumentError(
-                    f"groups.{group}: no {noun} called '{member}'. {noun.capitalize()}s: {listed(names)}."
-                )
             if member in group_of:
                 raise ArgumentError(
                     f"groups.{group}: {noun} '{member}' is in '{group_of[member]}' already. Leave it in one."

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.parts import ControlPart, GaitTable, ParameterTable, StatePart
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import check_known, refuse_twins
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.parameters import Parameter
@@ -30,7 +31,7 @@ def layout_of_state(parts: Sequence[StatePart]) -> Layout:
 
     Raises ArgumentError for two parts with the same name, for too many numbers and for an unknown unit.
     """
-    _refuse_clash("state", [part.name for part in parts])
+    refuse_twins((part.name for part in parts), "state")
     if sum(part.size for part in parts) > MAX_STATE:
         raise ArgumentError(
             f"state: wanted at most {MAX_STATE} numbers. Leave out what does not matter."
@@ -47,7 +48,7 @@ def layout_of_control(parts: Sequence[ControlPart]) -> tuple[Layout, Bounds]:
 
     Raises ArgumentError for two parts with the same name, for bounds that are empty and for an unknown unit.
     """
-    _refuse_clash("control", [part.name for part in parts])
+    refuse_twins((part.name for part in parts), "control")
     for part in parts:
         _refuse_empty_bounds(part)
     slices = []
@@ -155,13 +156,6 @@ def _refuse_unknown_rate(part: StatePart, entries: dict[str, range]) -> None:
         )
 
 
-def _refuse_clash(vector: str, names: list[str]) -> None:
-    """Raise ArgumentError if two parts of the vector, state or control, have one name."""
-    for name in names:
-        if names.count(name) > 1:
-            raise ArgumentError(f"{vector}: two parts are called '{name}'. Rename one of them.")
-
-
 def parameter_from_table(name: str, table: ParameterTable, unit: str, own: float) -> Parameter:
     """Return the parameter that a table describes, with the value `own` if the table gives none.
 
@@ -181,11 +175,7 @@ def gait_of(table: GaitTable | None, names: Sequence[str]) -> Gait | None:
     """Return the gait of a body with controls of these names; ArgumentError if it drives another."""
     if table is None:
         return None
-    for name in table.controls:
-        if name not in names:
-            raise ArgumentError(
-                f"gait.controls: no control called '{name}'. Controls: {', '.join(names)}."
-            )
+    check_known(table.controls, names, "control", "gait.controls")
     at_rest = (0.0, 0.0)
     waves = [table.controls.get(name, at_rest) for name in names]
     amplitudes = tuple(amplitude for amplitude, _ in waves)

@@ -11,7 +11,7 @@ from jaxtyping import Num
 from numpy.typing import ArrayLike
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.names import check_label, refuse_twins
+from neuroanimator.files.names import check_known, check_label, refuse_twins
 from neuroanimator.files.numbers import numbers, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.units import STATE_UNITS
@@ -57,13 +57,11 @@ class Layout:
 
     def index(self, name: str) -> slice:
         """Return the slice of the part called `name`."""
-        start = 0
-        for part in self.slices:
-            if part.name == name:
-                return slice(start, start + part.size)
-            start += part.size
-        valid = ", ".join(part.name for part in self.slices)
-        raise ArgumentError(f"No part called '{name}'. Parts: {valid}.")
+        names = [part.name for part in self.slices]
+        check_known([name], names, "part")
+        number = names.index(name)
+        start = sum(part.size for part in self.slices[:number])
+        return slice(start, start + self.slices[number].size)
 
     def part(self, vector: Num[AnyArray, "*B S"], name: str) -> Num[AnyArray, "*B P"]:
         """Return the part called `name` of `vector` (..., S)."""

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import check_known
 from neuroanimator.state.layout import Slice
-from neuroanimator.text import did_you_mean, listed, quoted
 
 ROUNDING = 1e-6
 """Tolerance of a value outside its range, as a share of it: emulators have ranges in single precision."""
@@ -71,12 +71,7 @@ def fixed_parameters(
 
     Raises ArgumentError for a name that is not a parameter, and for a value out of range.
     """
-    names = [parameter.name for parameter in parameters]
-    for name in values:
-        if name not in names:
-            raise ArgumentError(
-                f"No parameter called {quoted(name)}. {did_you_mean(name, names)}Parameters: {listed(names) or 'none'}."
-            )
+    check_known(values, [parameter.name for parameter in parameters], "parameter")
     fixed = []
     for parameter in parameters:
         if parameter.name in values:

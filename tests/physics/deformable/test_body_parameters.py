@@ -138,7 +138,7 @@ def test_starts_are_of_bodies_all_over_the_ranges(fishes: DeformableSystem):
     ("sets", "ends", "message"),
     [
         ("spring/muscles/stiffness", [5, 6], "Did you mean spring/muscle/stiffness"),
-        ("body/mass", [0.1, 0.3], "no 'body/mass'"),
+        ("body/mass", [0.1, 0.3], "no target called 'body/mass'. Targets: "),
         ("body/length", [0, 0.3], "wanted values above 0, got 0 m"),
         ("body/length", [0.3, 0.4], "around the body's own value, 0.26 m"),
         ("spring/damping_factor", [-1, 2], "wanted values at least 0, got -1"),

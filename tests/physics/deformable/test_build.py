@@ -128,7 +128,7 @@ def test_the_body_itself_is_accepted_and_its_mirror_found():
     [
         (
             put(["nose", "tial"], "springs", "all", "pairs", 0),
-            "springs: .* no node called 'tial'. Nodes: nose, left",
+            r"springs: .* no node called 'tial'. Did you mean tail\? Nodes: nose, left",
         ),
         (put(0.0, "nodes", "top", 3), "nodes.top: wanted .* above 0 kg, got 0 kg"),
         (put(-1.0, "nodes", "top", 3), "nodes.top: .* got -1 kg"),

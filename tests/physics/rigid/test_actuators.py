@@ -101,7 +101,7 @@ def test_units_are_those_of_the_inputs():
 
 def test_a_name_that_two_controls_would_have_is_refused():
     text = model_with(ACTUATORS["turn"][0] + '<motor name="turn_x" joint="hinge"/>')
-    with pytest.raises(ArgumentError, match="Two actuators would be called 'turn_x'"):
+    with pytest.raises(ArgumentError, match="actuators: two parts are called 'turn_x'"):
         layout_of_controls(mujoco.MjModel.from_xml_string(text))
 
 

@@ -83,7 +83,10 @@ def test_a_group_has_the_places_and_rates_of_its_joints_and_the_motors_and_tendo
     ("groups", "message"),
     [
         ("left = []", "groups.left: wanted one or more joints"),
-        ('left = ["left_sholder"]', "no joint called 'left_sholder'. Joints: waist, left_shoulder"),
+        (
+            'left = ["left_sholder"]',
+            r"no joint called 'left_sholder'. Did you mean left_shoulder\? Joints: waist, left_shoulder",
+        ),
         ('left = ["left_elbow", "left_elbow"]', "'left_elbow' is in 'left' already"),
         ('left = ["left_elbow"]\nright = ["left_elbow"]', "'left_elbow' is in 'left' already"),
         ('left = ["root", "left_elbow"]', "'root' is the root's"),

@@ -139,7 +139,10 @@ def test_every_attribute_is_read_as_it_was_set(actuator: str) -> None:
     ("line", "wanted"),
     [
         ('m = { sets = "body/uper/mass", range = [0.5, 2] }', "Did you mean upper"),
-        ('m = { sets = "body/upper/colour", range = [0.5, 2] }', "Attributes of body: mass"),
+        (
+            'm = { sets = "body/upper/colour", range = [0.5, 2] }',
+            "body: no attribute called 'colour'. Attributes: mass",
+        ),
         ('m = { sets = "mass", range = [0.5, 2] }', "element/name/attribute"),
         ('m = { sets = "body/upper/mass", range = [-0.5, 2] }', "wanted above 0"),
         ('m = { sets = "body/upper/mass", range = [2, 0.5] }', "least value below"),
@@ -147,7 +150,10 @@ def test_every_attribute_is_read_as_it_was_set(actuator: str) -> None:
         ('m = { sets = "body/upper/pos", range = [-1, 1] }', "pos[0] to [2]"),
         ('m = { sets = "body/upper/inertia[0]", range = [1e-3, 10] }', "exceeds the sum"),
         ('m = { sets = "joint/elbow/range[0]", range = [-3, 3] }', "inverted"),
-        ('shoulder = { sets = "body/upper/mass", range = [0.5, 2] }', "would be called 'shoulder'"),
+        (
+            'shoulder = { sets = "body/upper/mass", range = [0.5, 2] }',
+            "two parts are called 'shoulder'",
+        ),
         ('m = { sets = "body/upper/mass", range = [0.5, inf] }', "finite"),
         ('m = { sets = "joint/damping", range = [0.1, 0.3] }', "differ, from 0.1 to 0.2"),
         ('m = { sets = "body/gravcomp", range = [0, 1] }', "no body called ''"),

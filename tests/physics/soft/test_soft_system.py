@@ -397,7 +397,7 @@ def test_the_wind_of_a_flag_is_a_parameter_that_no_motion_changes():
     [
         (
             'breeze = { sets = "air/wind", range = [0.0, 1.0] }',
-            r"parameters.breeze.sets: wanted one of air/wind_x, air/wind_y, air/wind_z, got 'air/wind'",
+            r"parameters.breeze.sets: no target called 'air/wind'. Did you mean air/wind_z\? Targets: air/wind_x, ",
         ),
         ('breeze = { sets = "air/wind_y", range = [1.0, 2.0] }', "own value, 0 m/s, got 1 to 2"),
     ],

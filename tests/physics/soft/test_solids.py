@@ -405,7 +405,10 @@ def test_a_mover_that_is_called_as_a_part_of_the_root_is_refused(jelly):
     movers = {"velocity": definition.movers["paddle"]}
     named = definition.model_copy(update={"movers": movers})
     scene = Scene(named, jelly.scene.mesh)
-    with pytest.raises(NeuroAnimatorError, match="two parts are called 'velocity'. Rename a mover"):
+    with pytest.raises(
+        NeuroAnimatorError,
+        match="movers and parameters: two parts are called 'velocity'. Rename one",
+    ):
         SoftSystem(named, scene, RestingShapes(jelly.shapes, jelly.rest))
 
 

@@ -18,13 +18,14 @@ from jaxtyping import Float
 from neuroanimator.definitions.body import BodyDefinition
 from neuroanimator.definitions.parts import ParameterTable
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import check_known
 from neuroanimator.physics.deformable.body import Body
 from neuroanimator.physics.deformable.checks import check_steps
 from neuroanimator.physics.deformable.mirror import mirror_of
 from neuroanimator.physics.state_parts import parameter_from_table
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.parameters import Parameter, nominal_values
-from neuroanimator.text import did_you_mean, listed, quoted
+from neuroanimator.text import quoted
 
 LENGTH = "body/length"
 DENSITY_FACTOR = "body/density_factor"
@@ -81,11 +82,7 @@ def parameters_of(tables: Mapping[str, ParameterTable], body: Body) -> tuple[Par
     parameters = []
     for name, table in tables.items():
         where = f"parameters.{name}"
-        if table.sets not in own:
-            raise ArgumentError(
-                f"{where}.sets: the body has no {quoted(table.sets)}. {did_you_mean(table.sets, own)}"
-                f"Targets: {listed(sorted(own))}."
-            )
+        check_known([table.sets], sorted(own), "target", f"{where}.sets")
         for other, earlier in tables.items():
             if other < name and earlier.sets == table.sets:
                 raise ArgumentError(

@@ -15,6 +15,7 @@ from neuroanimator.definitions.body import (
     MuscleTable,
 )
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import check_known
 from neuroanimator.physics.deformable.body import Body, Ground, area_vectors
 from neuroanimator.physics.deformable.checks import check_muscles, check_nodes, check_springs
 from neuroanimator.physics.groups import check_groups
@@ -98,11 +99,7 @@ def _springs(
 
 
 def _node_numbers(names: tuple[str, ...], members: Sequence[str], key: str) -> list[int]:
-    for member in members:
-        if member not in names:
-            raise ArgumentError(
-                f"{key}: {list(members)}: no node called '{member}'. Nodes: {listed(names)}."
-            )
+    check_known(members, names, "node", f"{key}: {list(members)}")
     return [names.index(member) for member in members]
 
 

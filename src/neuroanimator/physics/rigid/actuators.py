@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.names import model_name
+from neuroanimator.files.names import check_known, model_name, refuse_twins
 from neuroanimator.state.layout import Bounds, Layout, Slice
 
 INPUTS = {
@@ -64,11 +64,7 @@ def control_names(model: mujoco.MjModel) -> list[str]:
 def layout_of_controls(model: mujoco.MjModel) -> Layout:
     """Return the controls in the model's order, one number each; ArgumentError if two have one name."""
     names = control_names(model)
-    for name in names:
-        if names.count(name) > 1:
-            raise ArgumentError(
-                f"Two actuators would be called '{name}'. Rename one of them in the model."
-            )
+    refuse_twins(names, "actuators")
     slices = [Slice(name, 1, control_unit(model, i)) for i, name in enumerate(names)]
     return Layout(tuple(slices))
 
@@ -93,11 +89,7 @@ def bounds_of_controls(
     """
     names = control_names(model)
     for table, keys in (("control", given), ("holding", holding)):
-        for name in keys:
-            if name not in names:
-                raise ArgumentError(
-                    f"{table}: no actuator called '{name}'. Actuators: {', '.join(names)}."
-                )
+        check_known(keys, names, "actuator", table)
     low = []
     high = []
     for control, name in enumerate(names):

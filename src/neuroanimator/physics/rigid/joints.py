@@ -9,7 +9,7 @@ import numpy as np
 
 from neuroanimator.definitions.model import FrameTable
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.names import model_name
+from neuroanimator.files.names import check_known, model_name, refuse_twins
 from neuroanimator.physics.rigid.bones import joint_kind, joints_of_body
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.state.parameters import Parameter
@@ -25,7 +25,6 @@ from neuroanimator.state.segments import (
     Velocity,
 )
 from neuroanimator.state.structure import Structure
-from neuroanimator.text import quoted
 
 FEATURES = {
     "hinge": ("sine", "plain", "cyclic", "planar"),
@@ -69,10 +68,7 @@ def sensor_name(model: mujoco.MjModel, sensor: int) -> str:
 def sensor_numbers(model: mujoco.MjModel, names: tuple[str, ...]) -> list[int]:
     """Return the numbers in the model of the sensors called `names`; ArgumentError lists the existing ones."""
     known = [sensor_name(model, i) for i in range(model.nsensor)]
-    for name in names:
-        if name not in known:
-            listed = ", ".join(filter(None, known)) or "none"
-            raise ArgumentError(f"sensors: no sensor called {quoted(name)}. Sensors: {listed}.")
+    check_known(names, filter(None, known), "sensor", "sensors")
     return [known.index(name) for name in names]
 
 
@@ -111,16 +107,9 @@ def joint_views(
             velocity_entry=model.nq + int(model.jnt_dofadr[joint]),
         )
         views.append(view)
-    _check_names(views, [*features, *planar])
+    check_known([*features, *planar], [view.name for view in views], "joint")
     _check_root(views, planar)
     return views
-
-
-def _check_names(views: list[JointView], wanted: list[str]) -> None:
-    names = [view.name for view in views]
-    for name in wanted:
-        if name not in names:
-            raise ArgumentError(f"No joint called '{name}'. Joints: {', '.join(names)}.")
 
 
 def _check_root(views: list[JointView], planar: tuple[str, ...]) -> None:
@@ -161,12 +150,7 @@ def state_layout(
     for name, number in zip(sensors, sensor_numbers(model, sensors), strict=True):
         parts.append(Slice(f"sensor.{name}", int(model.sensor_dim[number]), "1"))
     parts += [parameter.slice for parameter in parameters]
-    names = [part.name for part in parts]
-    for name in names:
-        if names.count(name) > 1:
-            raise ArgumentError(
-                f"Two parts of the state would be called '{name}'. Rename one of the joints or parameters."
-            )
+    refuse_twins((part.name for part in parts), "joints and parameters")
     return Layout(tuple(parts))
 
 

@@ -19,13 +19,13 @@ from jaxtyping import Float
 
 from neuroanimator.definitions.parts import ParameterTable
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.names import model_name
+from neuroanimator.files.names import check_known, model_name
 from neuroanimator.physics.state_parts import parameter_from_table
 from neuroanimator.state.parameters import (
     Parameter,
     nominal_values,
 )
-from neuroanimator.text import did_you_mean, listed, quoted
+from neuroanimator.text import listed, quoted
 
 OPTION = "option"
 """The only element without a name: gravity, wind, and the medium."""
@@ -394,13 +394,8 @@ def _find_target(model: mujoco.MjModel, name: str, table: ParameterTable) -> Tar
             f"Elements: {listed(ATTRIBUTES)}."
         )
     element = match["element"]
-    attributes = ATTRIBUTES[element]
-    attribute = attributes.get(match["attribute"])
-    if attribute is None:
-        raise ArgumentError(
-            f"{where}: no attribute {quoted(match['attribute'])} that can be a parameter. "
-            f"{did_you_mean(match['attribute'], attributes)}Attributes of {element}: {listed(attributes)}."
-        )
+    check_known([match["attribute"]], ATTRIBUTES[element], "attribute", f"{where}: {element}")
+    attribute = ATTRIBUTES[element][match["attribute"]]
     numbers = _find_elements(model, where, element, match["name"])
     index = attribute.default
     if match["index"] is not None:
@@ -427,12 +422,9 @@ def _find_elements(
     ]
     if name is None and names and element != "body":  # the world is a body, too
         return tuple(range(len(names)))
-    if name not in names:
-        raise ArgumentError(
-            f"{where}: no {element} called {quoted(name or '')}. {did_you_mean(name or '', names)}"
-            f"Names: {listed(names) or 'none'}."
-        )
-    return (names.index(name),)
+    wanted = name or ""
+    check_known([wanted], names, element, where)
+    return (names.index(wanted),)
 
 
 def _refuse_unfit(model: mujoco.MjModel, where: str, target: Target, table: ParameterTable) -> None:

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from neuroanimator.definitions.model import Definition
 from neuroanimator.definitions.parts import GoalTable
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files.names import model_name
+from neuroanimator.files.names import check_known, model_name
 from neuroanimator.physics.rigid.actuators import bounds_of_controls, layout_of_controls
 from neuroanimator.physics.rigid.bones import skeleton_of
 from neuroanimator.physics.rigid.contacts import contacts_of
@@ -38,7 +38,6 @@ from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.symmetry import Symmetry
 from neuroanimator.systems.goal import Goal, goal_at
 from neuroanimator.systems.system import System
-from neuroanimator.text import listed, quoted
 
 HOME = "home"
 """Name of the keyframe that is the state of rest, if the model has one."""
@@ -356,12 +355,12 @@ class ModelSystem(MujocoSystem):
         kinds = {view.name: view.kind for view in self.views}
         if self.sampling.above_ground:
             self._height_entry()
+        for table in ("position", "velocity"):
+            check_known(getattr(self.sampling, table), sizes, "joint", f"sampling.{table}")
         for name, width in self.sampling.position.items():
-            _check_joint("position", name, sizes)
             if isinstance(width, tuple):
                 _check_ends(name, width, kinds[name])
         for name, velocity in self.sampling.velocity.items():
-            _check_joint("velocity", name, sizes)
             if len(velocity) != sizes[name]:
                 raise ArgumentError(
                     f"sampling.velocity.{name}: wanted {sizes[name]} numbers, got {len(velocity)}."
@@ -439,13 +438,6 @@ def _check_ends(name: str, ends: tuple[float, float], kind: str) -> None:
         raise ArgumentError(f"sampling.position.{name}: wanted [least, largest], got {list(ends)}.")
 
 
-def _check_joint(table: str, name: str, sizes: Mapping[str, int]) -> None:
-    if name not in sizes:
-        raise ArgumentError(
-            f"sampling.{table}: no joint called '{name}'. Joints: {', '.join(sizes)}."
-        )
-
-
 def keyframe_name(model: mujoco.MjModel, keyframe: int) -> str:
     """Return the name of a keyframe; `key_2` if it has none."""
     return model_name(model.key(keyframe).name, f"key_{keyframe}")
@@ -459,12 +451,10 @@ def _rest(model: mujoco.MjModel, keyframe: str) -> Float[np.ndarray, " P"]:
     """
     data = mujoco.MjData(model)
     names = [keyframe_name(model, i) for i in range(model.nkey)]
+    if keyframe:
+        check_known([keyframe], names, "keyframe", "keyframe")
     wanted = keyframe or HOME
     if wanted in names:
         mujoco.mj_resetDataKeyframe(model, data, names.index(wanted))
         mujoco.mj_normalizeQuat(model, data.qpos)
-    elif keyframe:
-        raise ArgumentError(
-            f"keyframe: no keyframe called {quoted(keyframe)}. Keyframes: {listed(names) or 'none'}."
-        )
     return np.concatenate([data.qpos, data.qvel, data.act])

@@ -8,10 +8,10 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import check_known
 from neuroanimator.files.numbers import number_in
 from neuroanimator.systems.model_xml import refuse
-from neuroanimator.text import listed, quoted
+from neuroanimator.text import quoted
 
 FLOOR = "floor"
 """Name of the ground under a free base."""
@@ -43,11 +43,7 @@ def add_what_moves(
     Raises BadFileError for an invalid effort and for a `<mimic>` that MuJoCo ignores, ArgumentError for a missing passive joint.
     """
     joints = {joint.name: joint for joint in spec.joints}
-    for name in passive:
-        if name not in joints:
-            raise ArgumentError(
-                f"passive: no joint called {quoted(name)}. Joints: {listed(joints) or 'none'}."
-            )
+    check_known(passive, joints, "joint", "passive")
     for element in robot.iter("joint"):
         joint = joints.get(element.get("name", ""))
         if joint is None:

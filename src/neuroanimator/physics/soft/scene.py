@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from neuroanimator.definitions.soft import SoftDefinition
 from neuroanimator.errors import ArgumentError, BadFileError
+from neuroanimator.files.names import check_known
 from neuroanimator.physics.soft.mesh import Mesh
 from neuroanimator.physics.soft.meshes import cloth_body, solid_body
 from neuroanimator.physics.soft.mirror import mirror_of
@@ -25,7 +26,6 @@ from neuroanimator.physics.water import Water
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
 from neuroanimator.systems.movers import Movers
-from neuroanimator.text import listed, quoted
 
 WIND = ("air/wind_x", "air/wind_y", "air/wind_z")
 """Targets of parameters: the air's velocity along each axis [m/s]."""
@@ -171,10 +171,7 @@ class Scene(SoftScene):
     def _parameters(self) -> list[Parameter]:
         parameters = []
         for name, table in self.definition.parameters.items():
-            if table.sets not in WIND:
-                raise ArgumentError(
-                    f"parameters.{name}.sets: wanted one of {listed(WIND)}, got {quoted(table.sets)}."
-                )
+            check_known([table.sets], WIND, "target", f"parameters.{name}.sets")
             own = self.wind[WIND.index(table.sets)]
             parameters.append(parameter_from_table(name, table, "m/s", own))
         if parameters and (self.anchor == FREE or self.movers.turning[self.anchor]):

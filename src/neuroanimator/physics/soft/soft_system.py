@@ -13,7 +13,6 @@ from neuroanimator.appearance.binding import NO_ROTATION
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefinition
-from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import refuse_twins
 from neuroanimator.physics.rigid.bones import is_drawn, shape_of_geom
 from neuroanimator.physics.schemes import schemes_of
@@ -121,10 +120,7 @@ class SoftSystem(System):
                 *(parameter.slice for parameter in self.parameters),
             )
         )
-        try:
-            refuse_twins((part.name for part in self.state.slices), "movers")
-        except ValueError as error:
-            raise ArgumentError(f"{error}. Rename a mover or a parameter.") from error
+        refuse_twins((part.name for part in self.state.slices), "movers and parameters")
         pulls = tuple(Slice(name, 1, "1") for name in scene.muscles)
         self.control = Layout((*movers.slices("control"), *pulls))
         count = len(pulls)
