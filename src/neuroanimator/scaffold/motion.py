@@ -16,7 +16,7 @@ from neuroanimator.files.tables import check_table
 from neuroanimator.physics.rigid.actuators import actuators_of_controls
 from neuroanimator.physics.rigid.bones import joint_kind
 from neuroanimator.physics.rigid.joints import JointView, joint_name
-from neuroanimator.physics.rigid.model_system import RATE_SIZES, ModelSystem
+from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.physics.rigid.mujoco_system import DIVERGED_VELOCITY
 from neuroanimator.physics.rigid.touching import is_limited
 from neuroanimator.physics.rigid.warnings import warnings_counted
@@ -425,9 +425,7 @@ def turns_freely(model: mujoco.MjModel, joint: int) -> bool:
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
     usual = _depth(data)
-    speed = int(model.jnt_dofadr[joint])
-    size = RATE_SIZES.get(joint_kind(model, joint), 1)
-    for axis in range(speed, speed + size):
+    for axis in np.flatnonzero(model.dof_jntid == joint):
         for angle in TURNS:
             turn = np.zeros(model.nv)
             turn[axis] = angle

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from neuroanimator.learn.data.config import RUN_STEPS
 from neuroanimator.learn.data.sampling import sample_starts
 from neuroanimator.physics.rigid.joints import JointView
-from neuroanimator.physics.rigid.model_system import RATE_SIZES, ModelSystem
+from neuroanimator.physics.rigid.model_system import ModelSystem
 from neuroanimator.physics.rigid.warnings import warnings_heard
 from neuroanimator.scaffold.defaults import FASTEST, rounded
 from neuroanimator.state.rotation import rotate_back
@@ -96,8 +96,7 @@ def step_cost(system: ModelSystem, contacts: float) -> float:
 
 def velocities_of(view: JointView, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B V"]:
     """Return the velocities of a joint."""
-    first = view.velocity_entry
-    return states[..., first : first + RATE_SIZES.get(view.kind, 1)]
+    return states[..., list(view.velocities)]
 
 
 def usual_velocities(

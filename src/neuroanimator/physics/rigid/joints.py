@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -37,6 +37,22 @@ FEATURES = {
 Position and heading of a `free` joint do not matter; those of a `placed` one do, as other things stand around.
 """
 
+POSITIONS = {
+    "free": (Slice(".position", 3, "m"), Slice(".orientation", 4, "quaternion")),
+    "ball": (Slice(".orientation", 4, "quaternion"),),
+    "slide": (Slice("", 1, "m"),),
+    "hinge": (Slice("", 1, "rad"),),
+}
+"""Parts of the position of each kind of joint, named by what follows the joint's name."""
+
+VELOCITIES = {
+    "free": (Slice(".velocity", 3, "m/s"), Slice(".angular_velocity", 3, "rad/s")),
+    "ball": (Slice(".angular_velocity", 3, "rad/s"),),
+    "slide": (Slice(".velocity", 1, "m/s"),),
+    "hinge": (Slice(".velocity", 1, "rad/s"),),
+}
+"""Parts of its velocity."""
+
 
 @dataclass(frozen=True)
 class JointView:
@@ -53,6 +69,18 @@ class JointView:
     """First state entry of its position."""
     velocity_entry: int
     """First state entry of its velocity."""
+
+    @property
+    def positions(self) -> range:
+        """State entries of its position."""
+        size = sum(part.size for part in POSITIONS[self.kind])
+        return range(self.position_entry, self.position_entry + size)
+
+    @property
+    def velocities(self) -> range:
+        """State entries of its velocity."""
+        size = sum(part.size for part in VELOCITIES[self.kind])
+        return range(self.velocity_entry, self.velocity_entry + size)
 
 
 def joint_name(model: mujoco.MjModel, joint: int) -> str:
@@ -141,10 +169,10 @@ def state_layout(
 ) -> Layout:
     """Return the named parts of (qpos, qvel, act, sensors, parameters); ArgumentError if two have one name."""
     parts: list[Slice] = []
-    for view in views:
-        parts += _position_slices(view)
-    for view in views:
-        parts += _velocity_slices(view)
+    for parts_of_kind in (POSITIONS, VELOCITIES):
+        for view in views:
+            for part in parts_of_kind[view.kind]:
+                parts.append(replace(part, name=view.name + part.name))
     if model.na:
         parts.append(Slice("activation", model.na, "1"))
     for name, number in zip(sensors, sensor_numbers(model, sensors), strict=True):
@@ -152,28 +180,6 @@ def state_layout(
     parts += [parameter.slice for parameter in parameters]
     refuse_twins((part.name for part in parts), "joints and parameters")
     return Layout(tuple(parts))
-
-
-def _position_slices(view: JointView) -> list[Slice]:
-    orientation = Slice(f"{view.name}.orientation", 4, "quaternion")
-    if view.kind == "free":
-        return [Slice(f"{view.name}.position", 3, "m"), orientation]
-    if view.kind == "ball":
-        return [orientation]
-    if view.kind == "slide":
-        return [Slice(view.name, 1, "m")]
-    return [Slice(view.name, 1, "rad")]
-
-
-def _velocity_slices(view: JointView) -> list[Slice]:
-    angular_velocity = Slice(f"{view.name}.angular_velocity", 3, "rad/s")
-    if view.kind == "free":
-        return [Slice(f"{view.name}.velocity", 3, "m/s"), angular_velocity]
-    if view.kind == "ball":
-        return [angular_velocity]
-    if view.kind == "slide":
-        return [Slice(f"{view.name}.velocity", 1, "m/s")]
-    return [Slice(f"{view.name}.velocity", 1, "rad/s")]
 
 
 def structure_of(
@@ -229,16 +235,12 @@ def _plain_entries(model: mujoco.MjModel, views: list[JointView], has_ground: bo
         height = views[0].position_entry + 2
         entries.append(height)
     for view in views:
-        first = view.velocity_entry
         if view.feature == "placed":
-            entries += range(view.position_entry, view.position_entry + 3)
-            entries += range(first, first + 6)
+            entries += [*view.positions[:3], *view.velocities]
         elif view.kind == "free":
-            entries += range(first + 3, first + 6)  # its angular velocity
-        elif view.kind == "ball":
-            entries += range(first, first + 3)
+            entries += view.velocities[3:]
         elif not (view.kind == "slide" and view.feature == "planar"):
-            entries.append(first)
+            entries += view.velocities
     activations = model.nq + model.nv
     entries += range(activations, activations + model.na)
     return entries
@@ -285,11 +287,9 @@ def _segments(
     has_plain_joints_only = all(view.kind in ("hinge", "slide") for view in views)
     if has_plain_joints_only and not planar and not parameters:
         return ()
-    segments: list[Segment] = []
-    for view in views:
-        segments += _position_segments(view, planar)
-    for view in views:
-        segments += _velocity_segments(view, planar)
+    of_joints = [_segments_of(view, planar) for view in views]
+    segments = [segment for positions, _ in of_joints for segment in positions]
+    segments += [segment for _, velocities in of_joints for segment in velocities]
     moving = size - parameters
     rest = moving - sum(segment.size for segment in segments)  # activations and sensors
     segments.append(Plain(size=rest))
@@ -297,40 +297,22 @@ def _segments(
     return tuple(_merged(segments))
 
 
-def _position_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
+def _segments_of(view: JointView, planar: tuple[str, ...]) -> tuple[list[Segment], list[Segment]]:
+    """Return the segments of a joint's position and of its velocity; `planar` names x, y and heading of a root in the plane."""
+    rate = view.velocity_entry
     if view.feature == "placed":
-        return [Plain(size=3), Quaternion(rate=view.velocity_entry + 3)]
+        return [Plain(size=3), Quaternion(rate=rate + 3)], [Plain(size=6)]
     if view.kind == "free":
-        return [Position(rate=view.velocity_entry), Quaternion(rate=view.velocity_entry + 3)]
+        return [Position(rate=rate), Quaternion(rate=rate + 3)], [Velocity(), Plain(size=3)]
     if view.kind == "ball":
-        return [Quaternion(rate=view.velocity_entry)]
-    if view.name in planar:
-        x, y, heading = planar
-        if view.name == x:
-            return [PlanarPosition(rate=view.velocity_entry)]
-        if view.name == heading:
-            return [Heading(rate=view.velocity_entry)]
-        assert view.name == y
-        return []  # the segment of x covers both
-    return [Plain(size=1)]
-
-
-def _velocity_segments(view: JointView, planar: tuple[str, ...]) -> list[Segment]:
-    if view.feature == "placed":
-        return [Plain(size=6)]
-    if view.kind == "free":
-        return [Velocity(), Plain(size=3)]
-    if view.kind == "ball":
-        return [Plain(size=3)]
-    if view.name in planar:
-        x, y, heading = planar
-        if view.name == x:
-            return [PlanarVelocity()]
-        if view.name == heading:
-            return [Plain(size=1)]
-        assert view.name == y
-        return []  # the segment of x covers both
-    return [Plain(size=1)]
+        return [Quaternion(rate=rate)], [Plain(size=3)]
+    if view.name in planar[:1]:
+        return [PlanarPosition(rate=rate)], [PlanarVelocity()]
+    if view.name in planar[1:2]:
+        return [], []  # the segments of x cover both
+    if view.name in planar[2:]:
+        return [Heading(rate=rate)], [Plain(size=1)]
+    return [Plain(size=1)], [Plain(size=1)]
 
 
 def _merged(parts: list[Segment]) -> list[Segment]:

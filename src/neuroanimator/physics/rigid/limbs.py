@@ -20,9 +20,6 @@ POSE_SEED = 0
 POSE_SPREAD = 0.1
 """Spread about the reference pose at which muscles are examined [rad or m], so that none pulls through a joint's axis."""
 
-ENTRIES = {"free": (7, 6), "ball": (4, 3), "slide": (1, 1), "hinge": (1, 1)}
-"""Numbers of state entries of the position and of the velocity of each kind of joint."""
-
 
 def groups_of(
     model: mujoco.MjModel, views: list[JointView], groups: dict[str, tuple[str, ...]]
@@ -63,13 +60,12 @@ def _group(
 ) -> BodyGroup:
     """Return the group of the joints `views`: its state entries, and the controls that drive any of them."""
     entries: list[int] = []
-    dofs: list[int] = []
+    rates: list[int] = []
     for view in views:
-        position_count, velocity_count = ENTRIES[view.kind]
-        first_dof = view.velocity_entry - model.nq
-        entries += range(view.position_entry, view.position_entry + position_count)
-        entries += range(view.velocity_entry, view.velocity_entry + velocity_count)
-        dofs += range(first_dof, first_dof + velocity_count)
+        entries += view.positions
+        rates += view.velocities
+    entries += rates
+    dofs = np.array(rates) - model.nq
     controls = np.flatnonzero(moved[:, dofs].any(axis=1)).tolist()
     return BodyGroup(name, tuple(sorted(entries)), tuple(controls))
 

@@ -42,9 +42,6 @@ from neuroanimator.systems.system import System
 HOME = "home"
 """Name of the keyframe that is the state of rest, if the model has one."""
 
-RATE_SIZES = {"free": 6, "ball": 3}
-"""Number of velocities of each kind of joint; one for any other kind."""
-
 MAX_REDRAWS = 20
 """Maximum number of times that states are drawn again which no step brings to the model's equalities."""
 
@@ -276,10 +273,7 @@ class ModelSystem(MujocoSystem):
         sizes = np.array(self.sampling.velocity.get(view.name, ()))
         drawn = rng.normal(size=(len(starts), len(sizes))) * sizes * spread
         if view.kind == "free":
-            if view.index == 0:
-                self._scatter_root(view, starts, spread, drawn, rng)
-            else:
-                self._scatter_thing(view, starts, spread, drawn, rng)
+            self._scatter_free(view, starts, spread, drawn, rng)
             return
         width = self.sampling.position.get(view.name, 0.0)
         if view.kind == "ball":
@@ -295,7 +289,7 @@ class ModelSystem(MujocoSystem):
             starts[:, view.position_entry] += offset * spread[:, 0]
         starts[:, view.velocity_entry : view.velocity_entry + len(sizes)] = drawn
 
-    def _scatter_root(
+    def _scatter_free(
         self,
         view: JointView,
         starts: np.ndarray,
@@ -303,55 +297,40 @@ class ModelSystem(MujocoSystem):
         drawn: np.ndarray,
         rng: np.random.Generator,
     ) -> None:
-        """Scatter a free root: any heading, some tilt and height, and the velocities `drawn` along its own axes."""
+        """Scatter a free body, with the velocities `drawn` along its own axes.
+
+        A root has any heading, some tilt and height. Other bodies are only turned and moved over the level plane, so that they
+        keep their support.
+        """
         count = len(starts)
-        height = view.position_entry + 2
+        is_root = view.index == 0
         orientation = slice(view.position_entry + 3, view.position_entry + 7)
-        heading = facing(rng.uniform(-np.pi, np.pi, count))
-        # Tilted about the level axes alone: the heading is drawn separately.
-        tilt = rng.normal(size=(count, 3)) * [1, 1, 0] * self.sampling.tilt * spread
-        tilted = rotated_by(starts[:, orientation], tilt)
-        starts[:, orientation] = multiply(heading, tilted)
-        self._scatter_level(view, starts, spread, rng)
-        starts[:, height] += rng.uniform(*self.sampling.height, count) * spread[:, 0]
-        self._scatter_velocity(view, starts, drawn)
-
-    def _scatter_thing(
-        self,
-        view: JointView,
-        starts: np.ndarray,
-        spread: np.ndarray,
-        drawn: np.ndarray,
-        rng: np.random.Generator,
-    ) -> None:
-        """Scatter a free body that is not the root: over the level plane, with any heading, so that it keeps its support."""
-        orientation = slice(view.position_entry + 3, view.position_entry + 7)
-        angles = rng.uniform(-np.pi, np.pi, len(starts)) * spread[:, 0]
-        starts[:, orientation] = multiply(facing(angles), starts[:, orientation])
-        self._scatter_level(view, starts, spread, rng)
-        self._scatter_velocity(view, starts, drawn)
-
-    def _scatter_level(
-        self, view: JointView, starts: np.ndarray, spread: np.ndarray, rng: np.random.Generator
-    ) -> None:
-        """Scatter a free body along x and y, if the sampling table gives a distance: for most bodies it does not matter."""
+        # orientation
+        heading = rng.uniform(-np.pi, np.pi, count)
+        if is_root:
+            # Tilted about the level axes alone: the heading is drawn separately.
+            tilt = rng.normal(size=(count, 3)) * [1, 1, 0] * self.sampling.tilt * spread
+            starts[:, orientation] = rotated_by(starts[:, orientation], tilt)
+        else:
+            heading *= spread[:, 0]
+        starts[:, orientation] = multiply(facing(heading), starts[:, orientation])
+        # position, along x and y only if the table gives a distance: for most bodies it does not matter
         width = self.sampling.position.get(view.name, 0.0)
         if width:
             level = slice(view.position_entry, view.position_entry + 2)
-            starts[:, level] += rng.uniform(-1, 1, (len(starts), 2)) * width * spread
-
-    def _scatter_velocity(self, view: JointView, starts: np.ndarray, drawn: np.ndarray) -> None:
-        """Give a free body the velocities `drawn` along its own axes."""
-        orientation = slice(view.position_entry + 3, view.position_entry + 7)
+            starts[:, level] += rng.uniform(-1, 1, (count, 2)) * width * spread
+        if is_root:
+            height = rng.uniform(*self.sampling.height, count)
+            starts[:, view.position_entry + 2] += height * spread[:, 0]
+        # velocities
         if drawn.shape[1]:
             velocity = slice(view.velocity_entry, view.velocity_entry + 3)
-            angular_velocity = slice(view.velocity_entry + 3, view.velocity_entry + 6)
             starts[:, velocity] = rotate(starts[:, orientation], drawn[:, :3])
-            starts[:, angular_velocity] = drawn[:, 3:]
+            starts[:, velocity.stop : velocity.stop + 3] = drawn[:, 3:]
 
     def _check_sampling(self) -> None:
         """Refuse sampling of missing joints, and velocities of another size than the joint's."""
-        sizes = {view.name: RATE_SIZES.get(view.kind, 1) for view in self.views}
+        sizes = {view.name: len(view.velocities) for view in self.views}
         kinds = {view.name: view.kind for view in self.views}
         if self.sampling.above_ground:
             self._height_entry()
