@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import check_known
 from neuroanimator.state.layout import Layout
+from neuroanimator.state.rotation import facing
 from neuroanimator.text import listed
 
 if TYPE_CHECKING:  # pydantic takes a tenth of a second to import, and an emulator does not need it
@@ -43,37 +48,39 @@ class Goal:
         return f"Goal({listed(wanted)}; in {self.seconds:g} s)"
 
 
-def goal_in_layout(layout: Layout, name: str, table: GoalTable) -> Goal:
-    """Return the goal `table` describes, with parts of `layout`.
+def goal_in_layout(
+    layout: Layout,
+    name: str,
+    table: GoalTable,
+    at_site: Mapping[str, Sequence[float]] = MappingProxyType({}),
+) -> Goal:
+    """Return the goal `table` describes, with parts of `layout`; `at_site` are those given by its site.
 
     Raises ArgumentError, which names the goal and the part that is wrong.
     """
-    targets = {}
-    for part, numbers in table.reach.items():
-        entries = layout.index(part)
-        if len(numbers) != entries.stop - entries.start:
-            raise ArgumentError(
-                f"goals.{name}.reach: '{part}' has {entries.stop - entries.start} numbers."
-            )
-        targets[part] = (range(entries.start, entries.stop), numbers)
-    return goal_at(name, table, targets)
-
-
-def goal_at(
-    name: str, table: GoalTable, targets: Mapping[str, tuple[Sequence[int], Iterable[float]]]
-) -> Goal:
-    """Return the goal that each part in `targets` has the given numbers in its state entries.
-
-    Raises ArgumentError if the table gives a tolerance for another part.
-    """
-    values = []
-    tolerances = []
-    for part, (entries, numbers) in targets.items():
-        values += [(entry, float(number)) for entry, number in zip(entries, numbers, strict=True)]
-        tolerances += [table.within.get(part, GOAL_TOLERANCE)] * len(entries)
-    for part in table.within:
-        if part not in targets:
-            raise ArgumentError(
-                f"goals.{name}.within: '{part}' is not reached for. Parts: {', '.join(targets)}."
-            )
+    values: list[tuple[int, float]] = []
+    tolerances: list[float] = []
+    reach = {**table.reach, **at_site}
+    for part, numbers in reach.items():
+        wanted = _wanted(layout, name, part, numbers)
+        values += wanted
+        tolerances += [table.within.get(part, GOAL_TOLERANCE)] * len(wanted)
+    check_known(table.within, reach, "part", f"goals.{name}.within")
     return Goal(tuple(values), tuple(tolerances), table.seconds)
+
+
+def _wanted(
+    layout: Layout, name: str, part: str, numbers: Sequence[float]
+) -> list[tuple[int, float]]:
+    """Return the state entries of a part, or of its beginning, with its `numbers`.
+
+    `<root>.heading` stands for the root's orientation.
+    """
+    if part.endswith(".heading"):
+        part = part.removesuffix(".heading") + ".orientation"
+        numbers = facing(np.asarray(numbers[0], float)).tolist()
+    entries = range(layout.size)[layout.index(part)]
+    is_orientation = part.endswith(".orientation")
+    if len(numbers) > len(entries) or (is_orientation and len(numbers) != 4):
+        raise ArgumentError(f"goals.{name}.reach: '{part}' has {len(entries)} numbers.")
+    return list(zip(entries, map(float, numbers), strict=False))

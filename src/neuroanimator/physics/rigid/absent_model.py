@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from neuroanimator.definitions.carried import read_definition_text
-from neuroanimator.definitions.parts import GoalTable
 from neuroanimator.emulator.spec import EmulatorSpec
 from neuroanimator.errors import BadFileError
-from neuroanimator.physics.rigid.model_system import model_goal
 from neuroanimator.physics.schemes import schemes_of
 from neuroanimator.state.structure import Structure
-from neuroanimator.systems.goal import Goal
 from neuroanimator.systems.system import SystemWithoutPhysics
 
 
@@ -36,10 +33,6 @@ class AbsentModel(SystemWithoutPhysics):
         self.rest = np.array(spec.rest)
         tables = definition.goals.items()
         self.goals = self.goals_of({name: table for name, table in tables if not table.site})
-
-    def goal(self, name: str, table: GoalTable) -> Goal:
-        """Return the goal that `table` describes; ArgumentError names `name` and the part at fault."""
-        return model_goal(self.state, name, table, {})
 
     @property
     def reason(self) -> BadFileError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 import mujoco
@@ -31,12 +31,11 @@ from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
 from neuroanimator.physics.rigid.symmetries import symmetries_of
 from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.physics.schemes import schemes_of
-from neuroanimator.state.layout import Layout
 from neuroanimator.state.parameters import nominal_values
 from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
 from neuroanimator.state.start import Start, start_state
 from neuroanimator.state.symmetry import Symmetry
-from neuroanimator.systems.goal import Goal, goal_at
+from neuroanimator.systems.goal import Goal, goal_in_layout
 from neuroanimator.systems.system import System
 
 HOME = "home"
@@ -348,9 +347,9 @@ class ModelSystem(MujocoSystem):
     def goal(self, name: str, table: GoalTable) -> Goal:
         """Return the goal that `table` describes; ArgumentError names `name` and the part at fault."""
         at_site = self._at_site(name, table.site) if table.site else {}
-        return model_goal(self.state, name, table, at_site)
+        return goal_in_layout(self.state, name, table, at_site)
 
-    def _at_site(self, name: str, site: str) -> dict[str, np.ndarray]:
+    def _at_site(self, name: str, site: str) -> dict[str, list[float]]:
         """Return the parts of the state with the root at rest at `site`, with the site's orientation."""
         sites = [self.model.site(i).name for i in range(self.model.nsite)]
         if self.views[0].kind != "free" or site not in sites:
@@ -363,39 +362,11 @@ class ModelSystem(MujocoSystem):
         mujoco.mju_mat2Quat(orientation, data.site(site).xmat)
         root = self.views[0].name
         return {
-            f"{root}.position": np.array(data.site(site).xpos),
-            f"{root}.orientation": orientation,
-            f"{root}.velocity": np.zeros(3),
-            f"{root}.angular_velocity": np.zeros(3),
+            f"{root}.position": data.site(site).xpos.tolist(),
+            f"{root}.orientation": orientation.tolist(),
+            f"{root}.velocity": [0.0, 0.0, 0.0],
+            f"{root}.angular_velocity": [0.0, 0.0, 0.0],
         }
-
-
-def model_goal(
-    layout: Layout, name: str, table: GoalTable, at_site: Mapping[str, np.ndarray]
-) -> Goal:
-    """Return the goal that `table` describes in the state `layout` of a model; `at_site` holds the parts given by its site.
-
-    Raises ArgumentError, which names the goal and the part at fault.
-    """
-    reach = {part: np.array(values, float) for part, values in table.reach.items()}
-    reach |= at_site
-    targets = {part: _target(layout, name, part, numbers) for part, numbers in reach.items()}
-    return goal_at(name, table, targets)
-
-
-def _target(
-    layout: Layout, name: str, part: str, numbers: np.ndarray
-) -> tuple[list[int], np.ndarray]:
-    """Return the state entries of a part, and its numbers; `<root>.heading` stands for the root's orientation."""
-    if part.endswith(".heading"):
-        part = part.removesuffix(".heading") + ".orientation"
-        numbers = facing(numbers[0])
-    where = layout.index(part)
-    size = where.stop - where.start
-    is_orientation = part.endswith(".orientation")
-    if len(numbers) > size or (is_orientation and len(numbers) != 4):
-        raise ArgumentError(f"goals.{name}.reach: '{part}' has {size} numbers.")
-    return list(range(where.start, where.start + len(numbers))), numbers
 
 
 def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, ...]:
