@@ -29,8 +29,8 @@ from neuroanimator.learn.training.train import train
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.physics.loading import resolve
 from neuroanimator.state.body_frame import Frame
-from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes
-from neuroanimator.state.rotation import rotate
+from neuroanimator.state.reference_shape import flat_of, points_of
+from neuroanimator.state.rotation import rotate, to_world_axes
 
 FLAT = {"widths": (16, 8), "position_modes": 12, "velocity_modes": 14}
 DEEP = {"network": "hierarchy", "widths": (16, 0, 8), "local_modes": 3}

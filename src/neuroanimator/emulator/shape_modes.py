@@ -22,14 +22,8 @@ from neuroanimator.emulator.origin import NOWHERE
 from neuroanimator.files.numbers import listed, number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS, Layout, Slice
-from neuroanimator.state.reference_shape import (
-    Cloud,
-    flat_of,
-    points_of,
-    to_body_axes,
-    to_world_axes,
-)
-from neuroanimator.state.rotation import cross
+from neuroanimator.state.reference_shape import Cloud, flat_of, points_of
+from neuroanimator.state.rotation import cross, to_body_axes, to_world_axes
 from neuroanimator.state.segments import (
     MAX_RESPONSE,
     Constant,

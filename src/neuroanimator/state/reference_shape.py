@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from neuroanimator.files.numbers import listed, numbers
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.rotation import cross, rotate, rotate_back
+from neuroanimator.state.rotation import cross, fit_of_quaternions, to_body_axes, to_world_axes
 
 Point = tuple[float, float, float]
 
@@ -141,18 +141,7 @@ class Cloud:
         rest = xp.asarray(self.positions, dtype=centred.dtype)
         shares = xp.asarray(self.masses, dtype=centred.dtype)
         products = (rest * shares[:, None]).mT @ centred
-        xx, xy, xz = (products[..., 0, i] for i in range(3))
-        yx, yy, yz = (products[..., 1, i] for i in range(3))
-        zx, zy, zz = (products[..., 2, i] for i in range(3))
-        rows = [
-            [xx + yy + zz, yz - zy, zx - xz, xy - yx],
-            [yz - zy, xx - yy - zz, xy + yx, zx + xz],
-            [zx - xz, xy + yx, yy - xx - zz, yz + zy],
-            [xy - yx, zx + xz, yz + zy, zz - xx - yy],
-        ]
-        matrix = xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
-        quaternion = _largest_eigenvector(matrix)
-        return quaternion * xp.where(quaternion[..., :1] < 0, -1.0, 1.0)
+        return closest_quaternion(products)
 
     def angular_velocity(
         self, shape: Float[AnyArray, "... N 3"], velocities: Float[AnyArray, "... N 3"]
@@ -168,6 +157,15 @@ class Cloud:
         trace = moments[..., 0, 0] + moments[..., 1, 1] + moments[..., 2, 2]
         inertia = trace[..., None, None] * xp.eye(3, dtype=shape.dtype) - moments
         return _solve(inertia, momentum)
+
+
+def closest_quaternion(products: Float[AnyArray, "... 3 3"]) -> Float[AnyArray, "... 4"]:
+    """Return the unit quaternion (..., 4) that turns vectors a closest to others b, whose sums of a bᵀ are the `products`.
+
+    Its first entry is not negative.
+    """
+    quaternion = _largest_eigenvector(fit_of_quaternions(products))
+    return quaternion * products.__array_namespace__().where(quaternion[..., :1] < 0, -1.0, 1.0)
 
 
 def _largest_eigenvector(matrix: Float[AnyArray, "... 4 4"]) -> Float[AnyArray, "... 4"]:
@@ -229,17 +227,3 @@ def points_of(flat: Float[AnyArray, "... D"]) -> Float[AnyArray, "... N 3"]:
 def flat_of(points: Float[AnyArray, "... N 3"]) -> Float[AnyArray, "... D"]:
     """Return mass points (..., N, 3) as flat vectors (..., 3N)."""
     return points.reshape(*points.shape[:-2], -1)
-
-
-def to_body_axes(
-    quaternion: Float[AnyArray, "... 4"], vectors: Float[AnyArray, "... N 3"]
-) -> Float[AnyArray, "... N 3"]:
-    """Return `vectors` (..., N, 3) along the axes of bodies turned by `quaternion` (..., 4)."""
-    return rotate_back(quaternion[..., None, :], vectors)
-
-
-def to_world_axes(
-    quaternion: Float[AnyArray, "... 4"], vectors: Float[AnyArray, "... N 3"]
-) -> Float[AnyArray, "... N 3"]:
-    """Return `vectors` (..., N, 3), given along the bodies' axes, in the world."""
-    return rotate(quaternion[..., None, :], vectors)

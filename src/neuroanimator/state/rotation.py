@@ -34,39 +34,69 @@ def rotation_matrices(quaternions: Float[AnyArray, "... 4"]) -> Float[AnyArray, 
 
 
 def quaternions_of(matrices: Float[AnyArray, "... 3 3"]) -> Float[AnyArray, "... 4"]:
-    """Return the unit quaternions (..., 4) of rotation matrices (..., 3, 3), by Shepperd's largest entry."""
+    """Return the unit quaternions q (..., 4) of rotation matrices (..., 3, 3): the largest row of 4 q qᵀ (Shepperd 1978)."""
     xp = matrices.__array_namespace__()
-    a, b, c = (matrices[..., 0, column] for column in range(3))
-    d, e, f = (matrices[..., 1, column] for column in range(3))
-    g, h, i = (matrices[..., 2, column] for column in range(3))
-    products = [
-        [1 + a + e + i, h - f, c - g, d - b],
-        [h - f, 1 + a - e - i, d + b, c + g],
-        [c - g, d + b, 1 - a + e - i, f + h],
-        [d - b, c + g, f + h, 1 - a - e + i],
-    ]
-    rows = xp.stack([xp.stack(row, axis=-1) for row in products], axis=-2)
-    largest = xp.argmax(xp.stack([products[k][k] for k in range(4)], axis=-1), axis=-1)
+    rows = fit_of_quaternions(matrices.mT) + xp.eye(4, dtype=matrices.dtype)
+    largest = xp.argmax(xp.linalg.diagonal(rows), axis=-1)
     quaternions = xp.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
     return of_unit_length(quaternions)
+
+
+def fit_of_quaternions(products: Float[AnyArray, "... 3 3"]) -> Float[AnyArray, "... 4 4"]:
+    """Return the symmetric matrices N (..., 4, 4) for which qᵀ N q tells how well q turns vectors a into b (Horn 1987).
+
+    `products` are the sums of a bᵀ. The best q is the leading eigenvector; for the axes of a rotation N is 4 q qᵀ - 1.
+    """
+    xp = products.__array_namespace__()
+    xx, xy, xz = (products[..., 0, i] for i in range(3))
+    yx, yy, yz = (products[..., 1, i] for i in range(3))
+    zx, zy, zz = (products[..., 2, i] for i in range(3))
+    rows = [
+        [xx + yy + zz, yz - zy, zx - xz, xy - yx],
+        [yz - zy, xx - yy - zz, xy + yx, zx + xz],
+        [zx - xz, xy + yx, yy - xx - zz, yz + zy],
+        [xy - yx, zx + xz, yz + zy, zz - xx - yy],
+    ]
+    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def turned(rows: Rows, vectors: Float[AnyArray, "... 3"]) -> Float[AnyArray, "... 3"]:
+    """Return R·`vectors` (..., 3) for the entries of R, row by row."""
+    xp = vectors.__array_namespace__()
+    return xp.stack([sum(row[i] * vectors[..., i] for i in range(3)) for row in rows], axis=-1)
+
+
+def transposed(rows: Rows) -> Rows:
+    """Return the entries of the inverse rotation."""
+    return tuple(zip(*rows, strict=True))
 
 
 def rotate(
     quaternion: Float[AnyArray, "... 4"], vector: Float[AnyArray, "... 3"]
 ) -> Float[AnyArray, "... 3"]:
     """Return R·vector (..., 3): from the body's frame to the world's."""
-    xp = vector.__array_namespace__()
-    rows = rotation_rows(quaternion)
-    return xp.stack([sum(row[i] * vector[..., i] for i in range(3)) for row in rows], axis=-1)
+    return turned(rotation_rows(quaternion), vector)
 
 
 def rotate_back(
     quaternion: Float[AnyArray, "... 4"], vector: Float[AnyArray, "... 3"]
 ) -> Float[AnyArray, "... 3"]:
     """Return Rᵀ·vector (..., 3): from the world's frame to the body's."""
-    xp = vector.__array_namespace__()
-    rows = rotation_rows(quaternion)
-    return xp.stack([sum(rows[j][i] * vector[..., j] for j in range(3)) for i in range(3)], axis=-1)
+    return turned(transposed(rotation_rows(quaternion)), vector)
+
+
+def to_world_axes(
+    quaternion: Float[AnyArray, "... 4"], vectors: Float[AnyArray, "... N 3"]
+) -> Float[AnyArray, "... N 3"]:
+    """Return `vectors` (..., N, 3), given along the axes of bodies turned by `quaternion` (..., 4), in the world."""
+    return rotate(quaternion[..., None, :], vectors)
+
+
+def to_body_axes(
+    quaternion: Float[AnyArray, "... 4"], vectors: Float[AnyArray, "... N 3"]
+) -> Float[AnyArray, "... N 3"]:
+    """Return `vectors` (..., N, 3) along the axes of bodies turned by `quaternion` (..., 4)."""
+    return rotate_back(quaternion[..., None, :], vectors)
 
 
 def upward(quaternion: Float[AnyArray, "... 4"]) -> Float[AnyArray, "... 3"]:

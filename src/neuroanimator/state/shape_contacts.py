@@ -21,8 +21,8 @@ from jaxtyping import Float
 
 from neuroanimator.files.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.arrays import AnyArray
-from neuroanimator.state.placement import Placement, heading_rows, turn, turn_back
-from neuroanimator.state.rotation import Rows, rotated_by, rotation_rows
+from neuroanimator.state.placement import Placement
+from neuroanimator.state.rotation import facing, rotate, rotate_back, rotated_by
 
 MAX_NODES = 256
 """Maximum number of sampled nodes: each has four features."""
@@ -143,12 +143,14 @@ class _Moment(NamedTuple):
     """Positions and headings of the movers."""
     origin: Float[AnyArray, "... 3"]
     """Position of the frame [m]."""
-    rows: Rows | None
-    """Rotation from the frame to the world; None for a frame that does not turn."""
+    orientation: Float[AnyArray, "... 4"] | None
+    """Quaternion of the frame; None for a frame that does not turn."""
 
     def to_own(self, vector: Float[AnyArray, "... 3"]) -> Float[AnyArray, "... 3"]:
         """Return a world vector along the frame's axes."""
-        return turn_back(self.rows, vector[..., None, :])[..., 0, :]
+        if self.orientation is None:
+            return vector
+        return rotate_back(self.orientation, vector)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +279,7 @@ class ShapeContacts:
     def _now(self, state: Float[AnyArray, "... S"]) -> _Moment:
         movers = state[..., : self.mover_size]
         placement = placement_of(self.turning, self.anchor)
-        return _Moment(movers, placement.origin(state), placement.rows(state))
+        return _Moment(movers, placement.origin(state), placement.quaternions(state))
 
     def _later(
         self, state: Float[AnyArray, "... S"], control: Float[AnyArray, "... C"], dt: float
@@ -287,18 +289,16 @@ class ShapeContacts:
         movers = state[..., :size] + dt * control
         if self.anchor != FREE:
             placement = placement_of(self.turning, self.anchor)
-            return _Moment(movers, placement.origin(movers), placement.rows(movers))
+            return _Moment(movers, placement.origin(movers), placement.quaternions(movers))
         root = state[..., 2 * size : 2 * size + ROOT]
         origin = root[..., :3] + dt * root[..., 7:10]
-        return _Moment(
-            movers, origin, rotation_rows(rotated_by(root[..., 3:7], dt * root[..., 10:]))
-        )
+        return _Moment(movers, origin, rotated_by(root[..., 3:7], dt * root[..., 10:]))
 
     def _rates(
         self, now: _Moment, rates: Float[AnyArray, "... D"]
     ) -> list[Float[AnyArray, "... _"]]:
         """Return velocities along the frame's axes [m/s], and turning rates [rad/s] unchanged."""
-        if now.rows is None:
+        if now.orientation is None:
             return [rates]
         shown = []
         for mover in self.movers:
@@ -314,8 +314,7 @@ class ShapeContacts:
         in_world = _vector(vector, moment)
         mover = self.movers[index]
         if mover.turns and any(vector[:2]):
-            rows = heading_rows(moment.movers[..., mover.entry + 3])
-            in_world = turn(rows, in_world[..., None, :])[..., 0, :]
+            in_world = rotate(facing(moment.movers[..., mover.entry + 3]), in_world)
         return moment.to_own(in_world)
 
     def _place(self, moment: _Moment, index: int, point: Point) -> Float[AnyArray, "... 3"]:

@@ -45,8 +45,8 @@ from neuroanimator.learn.data.sampling import sample_starts
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.state.layout import Bounds
 from neuroanimator.state.pose import Pose
-from neuroanimator.state.reference_shape import flat_of, points_of, to_world_axes
-from neuroanimator.state.rotation import facing
+from neuroanimator.state.reference_shape import flat_of, points_of
+from neuroanimator.state.rotation import facing, to_world_axes
 from neuroanimator.state.structure import mixing
 
 SECONDS = 6.0

@@ -9,8 +9,7 @@ from neuroanimator import load_system
 from neuroanimator.physics.deformable.body import Body, Ground
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.physics.water import Water
-from neuroanimator.state.reference_shape import to_world_axes
-from neuroanimator.state.rotation import upward
+from neuroanimator.state.rotation import to_world_axes, upward
 
 BODIES = ("dolphin", "fish")
 

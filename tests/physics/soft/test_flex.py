@@ -22,8 +22,7 @@ from neuroanimator.physics.soft.soft_scene import Motion
 from neuroanimator.physics.soft.throws import random_roots
 from neuroanimator.scaffold.flex import CARRYING
 from neuroanimator.scaffold.write_toml import write_definition
-from neuroanimator.state.placement import turn
-from neuroanimator.state.rotation import rotation_rows
+from neuroanimator.state.rotation import to_world_axes
 from neuroanimator.state.shape_contacts import FREE, HELD, ROOT
 from neuroanimator.systems.model_files import read_model_files
 from neuroanimator.systems.named_files import named_model, named_shapes
@@ -244,7 +243,7 @@ def test_a_free_body_begins_at_rest_or_thrown_and_never_under_the_ground():
     for root in roots:
         assert root is not None
         at_rest += (root == lying).all()
-        assert (turn(rotation_rows(root[3:7]), mean)[:, 2] + root[2] > scene.ground - 1e-9).all()
+        assert (to_world_axes(root[3:7], mean)[:, 2] + root[2] > scene.ground - 1e-9).all()
     assert 0.2 < at_rest / len(roots) < 0.8
 
 

@@ -36,7 +36,8 @@ from neuroanimator.state.parameters import (
     fixed_parameters,
     nominal_values,
 )
-from neuroanimator.state.reference_shape import points_of, to_world_axes
+from neuroanimator.state.reference_shape import points_of
+from neuroanimator.state.rotation import to_world_axes
 from neuroanimator.systems.system import Scheme, System
 
 DOUBLE_LANES = 8

@@ -20,8 +20,7 @@ from neuroanimator.physics.soft.soft_body import Points
 from neuroanimator.physics.soft.soft_scene import Motion, SoftScene
 from neuroanimator.physics.soft.throws import random_roots
 from neuroanimator.state.parameters import draw_parameters, nominal_values
-from neuroanimator.state.placement import turn
-from neuroanimator.state.rotation import rotation_rows
+from neuroanimator.state.rotation import to_world_axes
 from neuroanimator.state.shape_contacts import FREE, placement_of
 from neuroanimator.state.structure import Mirror
 from neuroanimator.terminal import progress_bar
@@ -202,9 +201,8 @@ def _thrown(
     parts = [np.array(part) for part in motion]
     for lane, root in enumerate(random_roots(scene, rng, mean, centre, movers.T)):
         if root is not None:
-            rows = rotation_rows(root[3:7])
-            parts[0][..., lane] = turn(rows, mean)
-            parts[1][..., lane] = root[7:10] + turn(rows, np.cross(root[10:], mean))
+            parts[0][..., lane] = to_world_axes(root[3:7], mean)
+            parts[1][..., lane] = root[7:10] + to_world_axes(root[3:7], np.cross(root[10:], mean))
             parts[2][..., lane] = root[:3]
     return Motion(*parts)
 

@@ -1,7 +1,7 @@
 """The motion of nodes in the body's own frame: that of the mover that holds it, or of the closest rigid motion.
 
 A free body's frame has its origin at the centre of mass, and is turned so that the nodes b in it are closest to the
-mean a: Σ m a × b = 0 (Kabsch, 1976). Its angular velocity is the frame's own, so that rates are the derivatives of
+mean a: Σ m a × b = 0 (Horn, 1987). Its angular velocity is the frame's own, so that rates are the derivatives of
 amplitudes; for a rigid motion it agrees with the angular momentum.
 """
 
@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.state.placement import heading_rows, turn_back
-from neuroanimator.state.rotation import quaternions_of
+from neuroanimator.state.reference_shape import closest_quaternion
+from neuroanimator.state.rotation import facing, rotation_matrices, to_body_axes
 
 ManyPoints = Float[np.ndarray, "*B N 3"]
 """Positions of the nodes of many bodies [m], or their velocities [m/s]."""
@@ -48,8 +48,8 @@ def seen_from_mover(
     turning = rate[..., 3:].astype(positions.dtype)
     relative[..., 0] += turning * away[..., 1]
     relative[..., 1] -= turning * away[..., 0]
-    rows = heading_rows(position[..., 3].astype(positions.dtype))
-    return OwnMotion(root, turn_back(rows, away), turn_back(rows, relative))
+    orientation = facing(position[..., 3].astype(positions.dtype))
+    return OwnMotion(root, to_body_axes(orientation, away), to_body_axes(orientation, relative))
 
 
 def seen_from_root(
@@ -65,7 +65,8 @@ def seen_from_root(
     away = positions - centre[..., None, :].astype(positions.dtype)
     relative = velocities - velocity[..., None, :].astype(positions.dtype)
     moments = np.swapaxes(away, -1, -2).astype(float) @ (shares[:, None] * mean)
-    turned = _nearest_rotations(moments)
+    orientation = closest_quaternion(_finite(moments).mT)
+    turned = rotation_matrices(orientation)
     own_axes = turned.astype(positions.dtype)
     away = away @ own_axes
     relative = relative @ own_axes
@@ -77,15 +78,8 @@ def seen_from_root(
     spin = np.stack(spins, axis=-1)
     angular_velocity = np.linalg.solve(_finite(spread), spin[..., None])[..., 0]
     relative -= np.cross(angular_velocity[..., None, :].astype(positions.dtype), away)
-    root = np.concatenate([centre, quaternions_of(turned), velocity, angular_velocity], axis=-1)
+    root = np.concatenate([centre, orientation, velocity, angular_velocity], axis=-1)
     return OwnMotion(root, away, relative)
-
-
-def _nearest_rotations(moments: Matrices) -> Matrices:
-    """Return the rotations from the mean to the nodes, from their moments with it."""
-    left, _, right = np.linalg.svd(_finite(moments))
-    left[..., 2] *= np.expand_dims(np.sign(np.linalg.det(left @ right)), -1)
-    return left @ right
 
 
 def _finite(matrices: Matrices) -> Matrices:

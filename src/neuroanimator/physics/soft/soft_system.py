@@ -27,7 +27,6 @@ from neuroanimator.physics.soft.throws import random_roots
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
 from neuroanimator.state.parameters import nominal_values
-from neuroanimator.state.placement import turn
 from neuroanimator.state.rotation import continuous
 from neuroanimator.state.segments import (
     Constant,
@@ -270,9 +269,9 @@ class SoftSystem(System):
             velocity = states[:, size + placement.position : size + placement.position + 3]
             if placement.heading >= 0:
                 spin[:, 0, 2] = states[:, size + placement.heading]
-        rows = placement.rows(states)
-        velocities = turn(rows, velocities + np.cross(spin, local)) + velocity[:, None]
-        positions = np.moveaxis(turn(rows, local), 0, -1)
+        local_velocities = velocities + np.cross(spin, local)
+        velocities = placement.turned(states, local_velocities) + velocity[:, None]
+        positions = np.moveaxis(placement.turned(states, local), 0, -1)
         return Motion(positions, np.moveaxis(velocities, 0, -1), placement.origin(states).T)
 
     def encode(

@@ -13,13 +13,8 @@ from jaxtyping import Float
 
 from neuroanimator.state.layout import Layout
 from neuroanimator.state.pose import read_pose
-from neuroanimator.state.reference_shape import (
-    Cloud,
-    flat_of,
-    points_of,
-    to_body_axes,
-)
-from neuroanimator.state.rotation import rotate, wrapped
+from neuroanimator.state.reference_shape import Cloud, flat_of, points_of
+from neuroanimator.state.rotation import rotate, to_body_axes, wrapped
 from neuroanimator.state.segments import (
     Heading,
     Lag,
