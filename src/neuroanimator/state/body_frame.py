@@ -255,19 +255,12 @@ class Frame(eqx.Module):
         return axes
 
     @property
-    def _has_root(self) -> bool:
-        """Whether the body moves freely in the world."""
-        return any(isinstance(segment, Position) for segment in self.segments)
-
-    @property
     def _root_orientation(self) -> Segment | None:
         """The quaternion of a freely moving root: the first one; None without such a root."""
-        if not self._has_root:
+        firsts = first_of_each(self.segments)
+        if Position not in firsts or Quaternion not in firsts:
             return None
-        for segment in self.segments:
-            if isinstance(segment, Quaternion):
-                return segment
-        return None
+        return firsts[Quaternion].segment
 
     @property
     def _shows_probes(self) -> bool:

@@ -17,19 +17,13 @@ from jaxtyping import Float
 from neuroanimator.files.numbers import number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS, Pairs
-from neuroanimator.state.reference_shape import (
-    Cloud,
-    flat_of,
-    points_of,
-    to_body_axes,
-    to_world_axes,
-)
+from neuroanimator.state.reference_shape import Cloud, flat_of, points_of
 from neuroanimator.state.rotation import (
-    rotate,
-    rotate_back,
     rotate_in_plane,
     rotated_by,
     rotation_between,
+    to_body_axes,
+    to_world_axes,
     two_axes,
 )
 from neuroanimator.text import quoted
@@ -62,6 +56,8 @@ class Segment(abc.ABC):
 
     kind: ClassVar[str]
     """Its name in files."""
+    is_shown: ClassVar[bool] = False
+    """Whether its entries along the body's axes are features."""
     size: int
     """Number of state entries."""
     rate: int = -1
@@ -74,14 +70,14 @@ class Segment(abc.ABC):
 
     @property
     def local_size(self) -> int:
-        """Length of the result of `local`."""
-        return 0
+        """Length of the result of `local`; 0 for a segment that is not shown."""
+        return self.size if self.is_shown else 0
 
     def local(
         self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... R"], cloud: Cloud | None
     ) -> Float[AnyArray, "... L"]:
         """Return the entries in the body's own frame, independent of position and heading."""
-        return entries[..., :0]
+        return self.to_body(root, entries)
 
     def axes(
         self, entries: Float[AnyArray, "... S"], cloud: Cloud | None
@@ -148,19 +144,19 @@ class Plain(Segment):
 
 @dataclass(frozen=True, kw_only=True)
 class _AlongRoot(Segment):
-    """A vector of the root in the world, which changes along the root's own axes."""
+    """Vectors in the world, three numbers each, which change along the root's own axes, or those of a cloud of mass points."""
 
     size: int = field(default=3, init=False)
 
     def to_world(
-        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... 3"]
-    ) -> Float[AnyArray, "... 3"]:
-        return rotate(root, change)
+        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... V"]
+    ) -> Float[AnyArray, "... V"]:
+        return flat_of(to_world_axes(root, points_of(change)))
 
     def to_body(
-        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... 3"]
-    ) -> Float[AnyArray, "... 3"]:
-        return rotate_back(root, change)
+        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... V"]
+    ) -> Float[AnyArray, "... V"]:
+        return flat_of(to_body_axes(root, points_of(change)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,15 +171,7 @@ class Velocity(_AlongRoot):
     """Velocity of a freely moving root, along its own axes."""
 
     kind: ClassVar[str] = "velocity"
-
-    @property
-    def local_size(self) -> int:
-        return 3
-
-    def local(
-        self, entries: Float[AnyArray, "... 3"], root: Float[AnyArray, "... 4"], cloud: Cloud | None
-    ) -> Float[AnyArray, "... 3"]:
-        return self.to_body(root, entries)
+    is_shown: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -259,15 +247,7 @@ class PlanarVelocity(_AlongHeading):
     """Velocity of a root that moves in a plane, along its own axes."""
 
     kind: ClassVar[str] = "planar velocity"
-
-    @property
-    def local_size(self) -> int:
-        return 2
-
-    def local(
-        self, entries: Float[AnyArray, "... 2"], root: Float[AnyArray, "... 1"], cloud: Cloud | None
-    ) -> Float[AnyArray, "... 2"]:
-        return self.to_body(root, entries)
+    is_shown: ClassVar[bool] = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -284,34 +264,12 @@ class Heading(Segment):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _PointVectors(Segment):
-    """Vectors of many mass points, three numbers each, along the axes of their cloud."""
-
-    @property
-    def local_size(self) -> int:
-        return self.size
-
-    def local(
-        self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... 4"], cloud: Cloud | None
-    ) -> Float[AnyArray, "... S"]:
-        return self.to_body(root, entries)
-
-    def to_world(
-        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... V"]
-    ) -> Float[AnyArray, "... V"]:
-        return flat_of(to_world_axes(root, points_of(change)))
-
-    def to_body(
-        self, root: Float[AnyArray, "... 4"], change: Float[AnyArray, "... V"]
-    ) -> Float[AnyArray, "... V"]:
-        return flat_of(to_body_axes(root, points_of(change)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Points(_PointVectors):
+class Points(_AlongRoot):
     """Positions of mass points, relative to their centroid; the body's axes follow from them."""
 
     kind: ClassVar[str] = "points"
+    is_shown: ClassVar[bool] = True
+    size: int
 
     def local(
         self, entries: Float[AnyArray, "... S"], root: Float[AnyArray, "... 4"], cloud: Cloud | None
@@ -330,10 +288,12 @@ class Points(_PointVectors):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointVelocities(_PointVectors):
+class PointVelocities(_AlongRoot):
     """Velocities of mass points."""
 
     kind: ClassVar[str] = "point velocities"
+    is_shown: ClassVar[bool] = True
+    size: int
 
 
 @dataclass(frozen=True, kw_only=True)
