@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from neuroanimator.definitions.body import BodyDefinition, control_names
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.names import check_known
 from neuroanimator.physics.deformable.body import Body
 from neuroanimator.state.structure import REVERSE_Y, Mirror
-from neuroanimator.text import listed
 
 TOLERANCE = 1e-9
 """Relative tolerance of differences between left and right, for rounding."""
-
-Numbers = dict[str, list[float]]
-"""Numbers of each part of a body, by its name."""
 
 
 def mirror_of(definition: BodyDefinition, body: Body) -> Mirror | None:
@@ -29,36 +25,28 @@ def mirror_of(definition: BodyDefinition, body: Body) -> Mirror | None:
     """
     if not definition.mirror:
         return None
-    partners = _partners(definition)
-    nodes = _partner_numbers(definition, "nodes", partners)
-    controls = _partner_numbers(definition, "controls", partners)
-    _check_mirror(body, nodes, controls, control_names(definition))
+    names = control_names(definition)
+    partners = _partners(definition.mirror, (*body.names, *names))
+    nodes = _partner_numbers(body.names, partners)
+    controls = _partner_numbers(names, partners)
+    _check_mirror(body, nodes, controls, names)
     return Mirror(tuple(nodes.tolist()), tuple(controls.tolist()))
 
 
-def _partners(definition: BodyDefinition) -> dict[str, str]:
+def _partners(mirror: Mapping[str, str], known: Sequence[str]) -> dict[str, str]:
     """Return each name's partner, both ways; ArgumentError for an unknown name and for one with two partners."""
-    nodes = list(definition.nodes)
-    known = nodes + control_names(definition)
-    partners = dict(definition.mirror)
-    for left, right in definition.mirror.items():
-        for name, partner in ((left, right), (right, left)):
-            if name not in known:
-                raise ArgumentError(
-                    f"mirror: no node or control called '{name}'. Nodes: {listed(nodes)}."
-                )
-            if partners.setdefault(name, partner) != partner:
-                raise ArgumentError(
-                    f"mirror: '{name}' has two partners, '{partners[name]}' and '{partner}'. Name one."
-                )
+    check_known((*mirror, *mirror.values()), known, "node or control", "mirror")
+    partners = dict(mirror)
+    for partner, name in mirror.items():
+        if partners.setdefault(name, partner) != partner:
+            raise ArgumentError(
+                f"mirror: '{name}' has two partners, '{partners[name]}' and '{partner}'. Name one."
+            )
     return partners
 
 
-def _partner_numbers(
-    definition: BodyDefinition, kind: Literal["nodes", "controls"], partners: dict[str, str]
-) -> Int[np.ndarray, " K"]:
-    """Return each node's or control's partner; a name without one is its own."""
-    names = list(definition.nodes) if kind == "nodes" else control_names(definition)
+def _partner_numbers(names: Sequence[str], partners: Mapping[str, str]) -> Int[np.ndarray, " K"]:
+    """Return the partner of each node, or of each control; one without a partner is its own."""
     numbers = []
     for name in names:
         partner = partners.get(name, name)
@@ -81,23 +69,23 @@ def _check_mirror(
 
     `nodes` and `controls` are the partners of each.
     """
-    mass_points: Numbers = {}
-    mass_point_images: Numbers = {}
-    for i, name in enumerate(body.names):
-        mass_points[name] = [*body.positions[i], body.masses[i]]
-        image = body.positions[i] * REVERSE_Y + 0.0  # no negative zero
-        mass_point_images[body.names[int(nodes[i])]] = [*image, body.masses[i]]
-    _refuse_difference("node", "position [m] and mass [kg]", mass_points, mass_point_images)
-    springs: Numbers = {}
-    spring_images: Numbers = {}
+    # mass points
+    points = np.column_stack([body.positions, body.masses])
+    images = points * np.append(REVERSE_Y, 1.0)
+    names = [body.names[node] for node in nodes.tolist()]
+    _refuse_difference("node", "position [m] and mass [kg]", names, points[nodes], images)
+    # springs, and the muscles that shorten them
+    number_of = {frozenset(ends): number for number, ends in enumerate(body.springs.tolist())}
+    reflected = nodes[body.springs].tolist()
+    partners = np.array([number_of.get(frozenset(ends), -1) for ends in reflected])
     partner_muscles = controls[: body.muscles.shape[1]]
-    for number, ends in enumerate(body.springs):
-        material = [body.stiffness[number], body.damping[number]]
-        springs[_pair(body, ends)] = [*material, *body.muscles[number]]
-        image = body.muscles[number, partner_muscles]
-        spring_images[_pair(body, nodes[ends])] = [*material, *image]
+    springs = np.column_stack([body.stiffness, body.damping, body.muscles])[partners]
+    springs[partners < 0] = np.nan
+    images = np.column_stack([body.stiffness, body.damping, body.muscles[:, partner_muscles]])
+    names = [" to ".join(sorted(body.names[node] for node in ends)) for ends in reflected]
     meaning = "stiffness [N/m], damping [N·s/m] and share by which each muscle shortens it"
-    _refuse_difference("spring", meaning, springs, spring_images)
+    _refuse_difference("spring", meaning, names, springs, images)
+    # faces
     faces = Counter(_ring(body, face) for face in body.faces)
     face_images = Counter(_ring(body, nodes[face][::-1]) for face in body.faces)
     for ring in face_images - faces:
@@ -105,36 +93,29 @@ def _check_mirror(
             f"mirror: a face is missing: {list(ring)}, the mirror image of one that exists. "
             "Add it, or leave out the mirror."
         )
-    forces: Numbers = {}
-    force_images: Numbers = {}
-    for number, force in enumerate(body.external_forces.T):
-        forces[control_names[number]] = [*force]
-        force_images[control_names[int(controls[number])]] = [*(force * REVERSE_Y + 0.0)]
-    _refuse_difference("external force", "force [N]", forces, force_images)
+    # external forces
+    forces = body.external_forces.T
+    names = [control_names[int(control)] for control in controls]
+    _refuse_difference("external force", "force [N]", names, forces[controls], forces * REVERSE_Y)
 
 
-def _refuse_difference(noun: str, meaning: str, parts: Numbers, images: Numbers) -> None:
-    """Refuse a body whose parts have other numbers than those of its mirror image, or that lacks one of them."""
-    if not parts:
-        return
-    scale = np.abs(np.array(list(parts.values()))).max(axis=0)
-    for name, wanted in images.items():
-        given = parts.get(name)
-        if given is None or not np.allclose(given, wanted, TOLERANCE, TOLERANCE * scale):
-            shown = "none" if given is None else _shown(given)
-            raise ArgumentError(
-                f"mirror: {noun} {name}: as the image of its partner it needs {_shown(wanted)}, got {shown} ({meaning}). "
-                "Make both the same, name another partner, or leave out the mirror."
-            )
-
-
-def _shown(numbers: list[float]) -> list[float]:
-    return np.array(numbers).tolist()
-
-
-def _pair(body: Body, ends: Int[np.ndarray, " 2"]) -> str:
-    first, second = sorted(body.names[i] for i in ends)
-    return f"{first} to {second}"
+def _refuse_difference(
+    noun: str,
+    meaning: str,
+    names: Sequence[str],
+    parts: Float[np.ndarray, "K V"],
+    images: Float[np.ndarray, "K V"],
+) -> None:
+    """Refuse a body whose parts of these `names` have other numbers than the images of their partners; NaN if one is missing."""
+    scale = np.abs(images).max(axis=0, initial=0.0)
+    is_alike = np.isclose(parts, images, TOLERANCE, TOLERANCE * scale).all(axis=1)
+    for row in np.flatnonzero(~is_alike).tolist():
+        shown = "none" if np.isnan(parts[row]).any() else parts[row].tolist()
+        wanted = (images[row] + 0.0).tolist()  # no negative zero
+        raise ArgumentError(
+            f"mirror: {noun} {names[row]}: as the image of its partner it needs {wanted}, got {shown} ({meaning}). "
+            "Make both the same, name another partner, or leave out the mirror."
+        )
 
 
 def _ring(body: Body, corners: Int[np.ndarray, " 4"]) -> tuple[str, ...]:
