@@ -67,7 +67,7 @@ def face_forces(
     their corners.
     """
     xp = right.__array_namespace__()
-    normals = _cross(right, up)  # of twice the area's length
+    normals = cross(right, up)  # of twice the area's length
     length = xp.sqrt(dot(normals, normals) + MIN_AREA**2)
     outward_speed = xp.maximum(dot(normals, velocities), 0) / length
     push = (-drag / 2) * outward_speed * wet
@@ -99,9 +99,10 @@ def dot(left: Float[AnyArray, "K 3 ..."], right: Float[AnyArray, "K 3 ..."]) -> 
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]
 
 
-def _cross(
+def cross(
     left: Float[AnyArray, "K 3 ..."], right: Float[AnyArray, "K 3 ..."]
 ) -> Float[AnyArray, "K 3 ..."]:
+    """Return the vector products of vectors."""
     a, b, c = (left[:, axis] for axis in range(3))
     x, y, z = (right[:, axis] for axis in range(3))
     xp = left.__array_namespace__()

@@ -12,6 +12,7 @@ Nodes are taken where they would coast to, and movers where they will be: the co
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
@@ -73,6 +74,8 @@ class RoundCollider(NamedTuple):
     """Vector from its start to its end [m]."""
     radius: float
     """Radius [m]."""
+    friction: float = 0.4
+    """Largest sideways force over the normal one."""
 
     @property
     def is_round(self) -> bool:
@@ -87,8 +90,10 @@ class BoxCollider(NamedTuple):
     centre: Point
     half: Point
     """Half its size along each axis [m]."""
-    radius: float
+    radius: float = 0.0
     """Radius by which it is rounded outwards [m]."""
+    friction: float = 0.4
+    """Largest sideways force over the normal one."""
 
 
 AnyCollider = TypeVar("AnyCollider", RoundCollider, BoxCollider)
@@ -411,30 +416,15 @@ class ShapeContacts:
 
     def _from_box(self, nodes: Coordinates, later: _Moment, box: BoxCollider) -> Surface:
         """Return the distances of nodes from the surface [m], negative inside, and the directions away."""
-        xp = later.origin.__array_namespace__()
         centre = self._place(later, box.mover, box.centre)
         away = [nodes[axis] - centre[..., axis : axis + 1] for axis in range(3)]
         axes = []
         for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
             direction = self._direction(later, box.mover, unit)
             axes.append([direction[..., axis : axis + 1] for axis in range(3)])
-        local = [_dot(axis, away) for axis in axes]
-        outside = []
-        within = []
-        for part, half in zip(local, box.half, strict=True):
-            outside.append(part - xp.clip(part, -half, half))
-            within.append(half - xp.maximum(part, -part))
-        nearest = xp.minimum(xp.minimum(within[0], within[1]), within[2])
-        is_inside = nearest > 0
-        distance = xp.sqrt(_dot(outside, outside) + TINY)
-        outward = []
-        for part, gap, beyond in zip(local, within, outside, strict=True):
-            sign = xp.where(part > 0, xp.ones_like(part), -xp.ones_like(part))
-            face = xp.where(gap > nearest, xp.zeros_like(part), sign)
-            outward.append(xp.where(is_inside, face, beyond / distance))
-        surface = xp.where(is_inside, -nearest, distance) - box.radius
+        distance, outward = box_surface([_dot(axis, away) for axis in axes], box.half, TINY)
         direction = [_dot([axis[k] for axis in axes], outward) for k in range(3)]
-        return surface, direction
+        return distance - box.radius, direction
 
     def _from_ground(self, nodes: Coordinates, later: _Moment, height: float) -> Surface:
         """Return the heights of nodes over the ground [m], and the directions away."""
@@ -520,6 +510,28 @@ def common_scale(scale: Float[np.ndarray, " V"], gyration: float = 0.0) -> Float
     for row in np.concatenate([of_root, of_shapes], axis=1):
         common[row] = np.sqrt(np.mean((levers * scale)[row] ** 2))
     return common / levers
+
+
+def box_surface(local: Coordinates, half: Sequence[Any], tiny: float) -> Surface:
+    """Return the distances of points from the surface of a box [m], negative inside, and the directions away, along its axes.
+
+    `local` are their coordinates from its centre, `half` is half its size [m]; `tiny` is added under the root [m²].
+    """
+    xp = local[0].__array_namespace__()
+    outside = []
+    within = []
+    for part, extent in zip(local, half, strict=True):
+        outside.append(part - xp.clip(part, -extent, extent))
+        within.append(extent - xp.maximum(part, -part))
+    nearest = xp.minimum(xp.minimum(within[0], within[1]), within[2])
+    is_inside = nearest > 0
+    distance = xp.sqrt(_dot(outside, outside) + tiny)
+    outward = []
+    for part, gap, beyond in zip(local, within, outside, strict=True):
+        sign = xp.where(part > 0, xp.ones_like(part), -xp.ones_like(part))
+        face = xp.where(gap > nearest, xp.zeros_like(part), sign)
+        outward.append(xp.where(is_inside, face, beyond / distance))
+    return xp.where(is_inside, -nearest, distance), outward
 
 
 def _vector(vector: Point, moment: _Moment) -> Float[AnyArray, "... 3"]:

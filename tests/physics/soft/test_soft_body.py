@@ -13,14 +13,19 @@ from neuroanimator.physics.soft import constraints
 from neuroanimator.physics.soft.program import LANES, SoftProgram
 from neuroanimator.physics.soft.soft_body import (
     Air,
-    Capsule,
     MovingPlane,
     SoftBody,
     tetrahedron_volumes,
 )
+from neuroanimator.state.shape_contacts import RoundCollider
 
 NO_TETRAHEDRA = np.zeros((0, 4), int)
 NO_FACES = np.zeros((0, 3), int)
+
+
+def ball(radius):
+    """Return a sphere of the second mover."""
+    return RoundCollider(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), radius)
 
 
 def springs(positions, pairs, stiffness=10.0, pins=(), **others):
@@ -133,9 +138,7 @@ def test_a_weight_on_a_spring_swings_as_it_should_the_nearer_the_smaller_the_ste
 
 
 def test_bodies_side_by_side_move_as_each_does_alone():
-    body = cloth(
-        air=Air(drag=0.5, density=1.0, wind=(0, 3.0, 0)), capsules=(Capsule(0.1, mover=1),)
-    )
+    body = cloth(air=Air(drag=0.5, density=1.0, wind=(0, 3.0, 0)), capsules=(ball(0.1),))
     frames = 10
     rng = np.random.default_rng(1)
     centres = np.cumsum(rng.normal(size=(frames + 1, 3, LANES)) * 0.02, axis=0)
@@ -150,7 +153,7 @@ def test_bodies_side_by_side_move_as_each_does_alone():
 
 
 def test_nothing_is_inside_a_collider_and_pins_stay_where_they_are_held():
-    body = cloth(capsules=(Capsule(0.12, mover=1),), margin=0.005)
+    body = cloth(capsules=(ball(0.12),), margin=0.005)
     frames = 30
     height = np.linspace(-0.8, -0.2, frames + 1)
     centres = np.stack([0.25 + 0 * height, 0.02 + 0 * height, height], axis=1)

@@ -14,7 +14,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.physics.water import face_forces, share_under
+from neuroanimator.physics.water import cross, dot, face_forces, share_under
+from neuroanimator.state.shape_contacts import box_surface
 
 TINY = 1e-18
 """Square of a length [m²] added under square roots that are divided by."""
@@ -36,16 +37,16 @@ def distance_push(
     `extent` leads from the first to the second [m], `parting` is its change in this small step [m]; `inverse_mass` is the
     sum of both nodes' [1/kg], `softness` is α/h² [1/kg], `damping` is γ.
     """
-    inverse = 1 / jnp.sqrt(_dot(extent, extent) + TINY)
-    excess = _dot(extent, extent) * inverse - length
-    rate = _dot(extent, parting) * inverse
+    inverse = 1 / jnp.sqrt(dot(extent, extent) + TINY)
+    excess = dot(extent, extent) * inverse - length
+    rate = dot(extent, parting) * inverse
     push = -(excess + damping * rate) / ((1 + damping) * inverse_mass + softness)
     return (push * inverse)[:, None] * extent
 
 
 def volume_slope(first: Vector, second: Vector) -> Vector:
     """Return the gradient [m²] of a tetrahedron's volume at the corner outside the plane of two edges."""
-    return _cross(first, second) / 6
+    return cross(first, second) / 6
 
 
 def volume_push(
@@ -56,7 +57,7 @@ def volume_push(
     softness: Number,
 ) -> Number:
     """Return λ of a tetrahedron's volume: `slope` is that of the corner at the end of `edge`, `weighted_squares` Σ w |∇C|²."""
-    return -(_dot(edge, slope) - volume) / (weighted_squares + softness)
+    return -(dot(edge, slope) - volume) / (weighted_squares + softness)
 
 
 def fall(velocity: Vector, wind: Vector, gravity: Vector, drag: Number, time: Number) -> Vector:
@@ -72,9 +73,9 @@ def air_push(right: Vector, up: Vector, wind: Vector, density: Number, limit: Nu
     `wind` is the air's velocity over the triangle's [m/s], `density` half the air's times its drag coefficient
     [kg/m³]. Pressure grows with the square of the speed up to `limit` [m/s].
     """
-    normal = _cross(right, up)  # of twice the area's length
-    inverse = 1 / jnp.sqrt(_dot(normal, normal) + TINY)
-    speed = _dot(normal, wind) * inverse
+    normal = cross(right, up)  # of twice the area's length
+    inverse = 1 / jnp.sqrt(dot(normal, normal) + TINY)
+    speed = dot(normal, wind) * inverse
     speed = jnp.clip(speed, -limit, limit)
     size = jnp.maximum(speed, -speed)
     return (density * speed * size / 2)[:, None] * normal
@@ -124,11 +125,11 @@ def capsule_push(
     The capsule's axis leads from `start` by `along` [m], zero for a sphere. `moved` is the displacement of the node in
     this small step, `start_moved` and `along_moved` are the changes of the axis.
     """
-    share = jnp.clip(_dot(position - start, along) / (_dot(along, along) + TINY), 0, 1)[:, None]
+    share = jnp.clip(dot(position - start, along) / (dot(along, along) + TINY), 0, 1)[:, None]
     outward = position - start - share * along
     slip = moved - start_moved - share * along_moved
-    inverse = 1 / jnp.sqrt(_dot(outward, outward) + TINY)
-    depth = jnp.maximum(radius - _dot(outward, outward) * inverse, 0)
+    inverse = 1 / jnp.sqrt(dot(outward, outward) + TINY)
+    depth = jnp.maximum(radius - dot(outward, outward) * inverse, 0)
     return _contact(depth, inverse[:, None] * outward, slip, friction)
 
 
@@ -152,18 +153,12 @@ def box_push(
     away = position - centre
     along = cosine * away[:, 0] + sine * away[:, 1]
     across = cosine * away[:, 1] - sine * away[:, 0]
-    local = jnp.stack([along, across, away[:, 2]], axis=1)
-    outside = local - jnp.clip(local, -half, half)
-    distance = jnp.sqrt(_dot(outside, outside) + TINY)
-    within = half - jnp.maximum(local, -local)
-    nearest = jnp.minimum(jnp.minimum(within[:, 0], within[:, 1]), within[:, 2])
-    is_inside = nearest > 0
-    face = jnp.where(within > nearest[:, None], 0.0, jnp.where(local > 0, 1.0, -1.0))
-    depth = jnp.where(is_inside, margin + nearest, jnp.maximum(margin - distance, 0.0))
-    outward = jnp.where(is_inside[:, None], face, outside / distance[:, None])
-    normal_x = cosine * outward[:, 0] - sine * outward[:, 1]
-    normal_y = sine * outward[:, 0] + cosine * outward[:, 1]
-    normal = jnp.stack([normal_x, normal_y, outward[:, 2]], axis=1)
+    halves = [half[:, axis] for axis in range(3)]
+    distance, outward = box_surface([along, across, away[:, 2]], halves, TINY)
+    depth = jnp.maximum(margin - distance, 0)
+    normal_x = cosine * outward[0] - sine * outward[1]
+    normal_y = sine * outward[0] + cosine * outward[1]
+    normal = jnp.stack([normal_x, normal_y, outward[2]], axis=1)
     carried = jnp.stack([-turned * away[:, 1], turned * away[:, 0], 0 * turned], axis=1)
     return _contact(depth, normal, moved - centre_moved - carried, friction)
 
@@ -178,25 +173,13 @@ def plane_push(
     friction: Number,
 ) -> Vector:
     """Return the displacement that moves a node to `margin` [m] above a plane, if it is below; see `capsule_push`."""
-    depth = jnp.maximum(margin - _dot(position - point, normal), 0)
+    depth = jnp.maximum(margin - dot(position - point, normal), 0)
     return _contact(depth, normal, moved - point_moved, friction)
 
 
 def _contact(depth: Number, normal: Vector, slip: Vector, friction: Number) -> Vector:
     """Return the push out by `depth` [m] along `normal`, with Coulomb friction against `slip` [m]."""
-    tangent = slip - _dot(slip, normal)[:, None] * normal
-    inverse = 1 / jnp.sqrt(_dot(tangent, tangent) + TINY)
+    tangent = slip - dot(slip, normal)[:, None] * normal
+    inverse = 1 / jnp.sqrt(dot(tangent, tangent) + TINY)
     held = jnp.minimum(friction * depth * inverse, 1)
     return depth[:, None] * normal - held[:, None] * tangent
-
-
-def _dot(first: Vector, second: Vector) -> Number:
-    product = first * second
-    return product[:, 0] + product[:, 1] + product[:, 2]
-
-
-def _cross(first: Vector, second: Vector) -> Vector:
-    x = first[:, 1] * second[:, 2] - first[:, 2] * second[:, 1]
-    y = first[:, 2] * second[:, 0] - first[:, 0] * second[:, 2]
-    z = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    return jnp.stack([x, y, z], axis=1)

@@ -14,8 +14,6 @@ from neuroanimator.physics.soft.mirror import mirror_of
 from neuroanimator.physics.soft.program import LANES, MuscleMotion, SoftProgram
 from neuroanimator.physics.soft.soft_body import (
     Air,
-    Capsule,
-    MovingBox,
     MovingPlane,
     Played,
     SoftBody,
@@ -68,12 +66,9 @@ class Scene(SoftScene):
         self.masses = self.body.masses
         self.margin = self.body.margin
         self.capsules = tuple(
-            RoundCollider(one.mover, one.start, one.along, one.radius + self.margin)
-            for one in self.body.capsules
+            one._replace(radius=one.radius + self.margin) for one in self.body.capsules
         )
-        self.boxes = tuple(
-            BoxCollider(one.mover, one.centre, one.half, self.margin) for one in self.body.boxes
-        )
+        self.boxes = tuple(one._replace(radius=self.margin) for one in self.body.boxes)
         self.has_ground = definition.ground is not None
         self.ground_height = None if definition.ground is None else definition.ground.height
         self.wind = self.body.air.wind
@@ -156,16 +151,18 @@ class Scene(SoftScene):
             )
         return cloth_body(mesh, definition.cloth, pins, **surroundings)
 
-    def _colliders(self) -> tuple[list[Capsule], list[MovingBox]]:
+    def _colliders(self) -> tuple[list[RoundCollider], list[BoxCollider]]:
         capsules = []
         boxes = []
         for number, mover in enumerate(self.movers.tables):
             for one in mover.colliders:
                 if one.box is not None:
-                    boxes.append(MovingBox(one.box, one.friction, number, one.start))
+                    boxes.append(BoxCollider(number, one.start, one.box, friction=one.friction))
                 elif one.radius is not None:
-                    x, y, z = np.subtract(one.end or one.start, one.start).tolist()
-                    capsules.append(Capsule(one.radius, one.friction, number, one.start, (x, y, z)))
+                    along = tuple(np.subtract(one.end or one.start, one.start).tolist())
+                    capsules.append(
+                        RoundCollider(number, one.start, along, one.radius, one.friction)
+                    )
         return capsules, boxes
 
     def _parameters(self) -> list[Parameter]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from neuroanimator.physics.water import Water
+from neuroanimator.state.shape_contacts import BoxCollider, RoundCollider
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Acceleration of free fall [m/s²]."""
@@ -34,34 +35,6 @@ Played = tuple[Float[np.ndarray, "F-1 N 3 ..."], Float[np.ndarray, "F-1 N 3 ..."
 
 Place = tuple[float, float, float]
 """Position relative to a mover, along the mover's axes [m]."""
-
-
-@dataclass(frozen=True)
-class Capsule:
-    """A collider: all points within a radius of a line segment, or of a point, for a sphere."""
-
-    radius: float
-    """Radius [m]."""
-    friction: float = 0.4
-    """Largest sideways force over the normal one."""
-    mover: int = 0
-    """Number of the mover it goes with."""
-    start: Place = (0.0, 0.0, 0.0)
-    along: Place = (0.0, 0.0, 0.0)
-    """Vector from its start to its end [m]."""
-
-
-@dataclass(frozen=True)
-class MovingBox:
-    """A collider with six faces."""
-
-    half: tuple[float, float, float]
-    """Half size along each of its mover's axes [m]."""
-    friction: float = 0.4
-    """Largest sideways force over the normal one."""
-    mover: int = 0
-    """Number of the mover it goes with."""
-    centre: Place = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -108,8 +81,8 @@ class SoftBody:
     pins: Int[np.ndarray, " K"]
     """Nodes that are held, and moved, from outside."""
     air: Air = Air()
-    capsules: tuple[Capsule, ...] = ()
-    boxes: tuple[MovingBox, ...] = ()
+    capsules: tuple[RoundCollider, ...] = ()
+    boxes: tuple[BoxCollider, ...] = ()
     planes: tuple[MovingPlane, ...] = ()
     margin: float = 0.0
     """Distance at which nodes touch colliders: half a cloth's thickness [m]."""
