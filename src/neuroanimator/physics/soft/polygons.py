@@ -1,7 +1,7 @@
 """A surface of polygons as triangles: vertices at one place are one, faces meet corner to corner, ears are clipped.
 
 Convex faces become fans. Others lose ears, the best-shaped first (Meisters, Polygons Have Ears, 1975), in the plane
-closest to them (Newell's normal). All steps work on all faces at once.
+closest to them (Newell's normal). All steps but the last work on all faces at once.
 """
 
 from __future__ import annotations
@@ -35,9 +35,6 @@ MAX_CORNERS = 256
 MAX_TRIANGLES = 4 * MAX_NODES
 """Maximum number of triangles: twice as many as nodes is usual."""
 
-BATCH = 2**20
-"""Maximum number of pairs of corners compared at once."""
-
 MAX_IN_EDGE = 64
 """Maximum number of vertices that lie on an edge: each is a pass over all edges."""
 
@@ -45,7 +42,7 @@ MAX_EDGES_BESIDE = 8
 """Maximum number of an edge's neighbours at a vertex among which the one that lies on it is looked for."""
 
 
-Outlines = Float[np.ndarray, "P C 2"]
+Outlines = Float[np.ndarray, "*P C 2"]
 """Corners of polygons in their planes."""
 
 FaceNumbers = Int[np.ndarray, " F"]
@@ -230,17 +227,13 @@ def _triangles(
     triangles = np.empty((total, 3), int)
     for size in np.unique(counts).tolist():
         alike = np.flatnonzero(counts == size)
-        rows = max(1, BATCH // size**2)
-        for begin in range(0, len(alike), rows):
-            some_alike = alike[begin : begin + rows]
-            corners = faces.corners[first[some_alike][:, None] + np.arange(size)]
-            places = _in_plane(positions[corners], normals[some_alike])
-            local, is_sound = _triangles_of(places)
-            if not is_sound.all():
-                raise _crossed(name, lines[owners[some_alike[~is_sound]]])
-            within = starts[some_alike][:, None] + np.arange(size - 2)
-            rows_of = np.arange(len(corners))[:, None, None]
-            triangles[within] = corners[rows_of, local]
+        corners = faces.corners[first[alike][:, None] + np.arange(size)]
+        places = _in_plane(positions[corners], normals[alike])
+        local, is_sound = _triangles_of(places)
+        if not is_sound.all():
+            raise _crossed(name, lines[owners[alike[~is_sound]]])
+        within = starts[alike][:, None] + np.arange(size - 2)
+        triangles[within] = corners[np.arange(len(corners))[:, None, None], local]
     return triangles, np.repeat(owners, counts - 2)
 
 
@@ -265,69 +258,54 @@ def _triangles_of(
     of_corners = _shapes(np.roll(places, 1, axis=1), places, np.roll(places, -1, axis=1))
     of_fan = _shapes(places[:, fan[:, 2]], places[:, fan[:, 0]], places[:, fan[:, 1]])
     is_sound = np.minimum(of_corners.min(axis=1), of_fan.min(axis=1)) > MIN_SHAPE
-    hard = np.flatnonzero(~is_sound)
-    if len(hard):
-        triangles[hard], is_sound[hard] = _clipped(places[hard])
+    for hard in np.flatnonzero(~is_sound):
+        ears = _ears(places[hard])
+        is_sound[hard] = len(ears) == size - 2
+        if is_sound[hard]:
+            triangles[hard] = ears
     return triangles, is_sound
 
 
-def _clipped(
-    places: Outlines,
-) -> tuple[Int[np.ndarray, "P T 3"], Bool[np.ndarray, " P"]]:
-    """Return (the ears of each polygon, whether they all have an area)."""
-    rows, size, _ = places.shape
-    triangles = np.zeros((rows, size - 2, 3), int)
-    left = np.tile(np.arange(size), (rows, 1))
-    shapes = _ears(places, left)
-    is_sound = np.ones(rows, bool)
-    for step in range(size - 2):
-        best = shapes.argmax(axis=1)[:, None]
-        for corner, turn in enumerate((-1, 0, 1)):
-            place = (best + turn) % (size - step)
-            triangles[:, step, corner] = np.take_along_axis(left, place, axis=1)[:, 0]
-        is_sound = np.take_along_axis(shapes, best, axis=1)[:, 0] > MIN_SHAPE
-        if not is_sound.all() or step == size - 3:
+def _ears(outline: Outlines) -> list[Int[np.ndarray, " 3"]]:
+    """Return the ears of a polygon, one after the other; fewer than it has triangles if the rest has none."""
+    left = np.arange(len(outline))
+    shapes = _shapes_of_ears(outline, left)
+    ears: list[np.ndarray] = []
+    while len(left) > 2:
+        best = int(shapes.argmax())
+        if shapes[best] <= MIN_SHAPE:
             break
+        ears.append(left[[best - 1, best, (best + 1) % len(left)]])
         # without the ear: only its neighbours change, or all if none seems to be one any more
-        is_left = np.arange(size - step) != best
-        left = left[is_left].reshape(rows, -1)
-        shapes = shapes[is_left].reshape(rows, -1)
-        here = np.take_along_axis(places, left[:, :, None], axis=1)
-        beside = np.concatenate([best - 1, best], axis=1) % left.shape[1]
-        np.put_along_axis(shapes, beside, _ears(here, beside), axis=1)
-        stuck = np.flatnonzero(shapes.max(axis=1) <= MIN_SHAPE)
-        everywhere = np.tile(np.arange(left.shape[1]), (len(stuck), 1))
-        shapes[stuck] = _ears(here[stuck], everywhere)
-    return triangles, is_sound
+        left = np.delete(left, best)
+        shapes = np.delete(shapes, best)
+        beside = np.array([best - 1, best]) % len(left)
+        shapes[beside] = _shapes_of_ears(outline[left], beside)
+        if shapes.max() <= MIN_SHAPE:
+            shapes = _shapes_of_ears(outline[left], np.arange(len(left)))
+    return ears
 
 
-def _shapes(first: Outlines, second: Outlines, third: Outlines) -> Float[np.ndarray, "P C"]:
+def _shapes(first: Outlines, second: Outlines, third: Outlines) -> Float[np.ndarray, "*P C"]:
     """Return how good the triangles of three corners are, see `MIN_SHAPE`; negative for those that turn right."""
     before = second - first
     after = third - second
-    squares = (before**2 + after**2 + (before + after) ** 2).sum(axis=2)
+    squares = (before**2 + after**2 + (before + after) ** 2).sum(axis=-1)
     return _cross(before, after) / np.maximum(squares, np.finfo(float).tiny)
 
 
-def _ears(places: Outlines, at: Int[np.ndarray, "P A"]) -> Float[np.ndarray, "P A"]:
+def _shapes_of_ears(outline: Outlines, at: Int[np.ndarray, " A"]) -> Float[np.ndarray, " A"]:
     """Return `_shapes` of the corners `at`, with 0 for one whose triangle has another corner in it or on it."""
-    size = places.shape[1]
-    corners = []
-    for turn in (-1, 0, 1):
-        corners.append(np.take_along_axis(places, (at + turn)[:, :, None] % size, axis=1))
-    shapes = _shapes(*corners)
-    if size == 3:
-        return shapes
-    squares = sum(
-        ((end - start) ** 2).sum(axis=2) for start, end in pairwise([*corners, corners[0]])
-    )
-    is_inside = np.ones((*at.shape, size), bool)
-    for start, end in pairwise([*corners, corners[0]]):
-        away = places[:, None] - start[:, :, None]
-        along = _cross((end - start)[:, :, None], away)
-        is_inside &= along > -MIN_SHAPE * np.asarray(squares)[:, :, None]
+    corners = [outline[(at + turn) % len(outline)] for turn in (-1, 0, 1)]
+    sides = list(pairwise([*corners, corners[0]]))
+    squares = np.sum([(end - start) ** 2 for start, end in sides], axis=(0, 2))
+    is_inside = np.ones((len(at), len(outline)), bool)
+    for start, end in sides:
+        away = outline - start[:, None]
+        along = _cross((end - start)[:, None], away)
+        is_inside &= along > -MIN_SHAPE * squares[:, None]
         is_inside &= (away != 0).any(axis=-1)
-    return np.where(is_inside.any(axis=2), 0.0, shapes)
+    return np.where(is_inside.any(axis=1), 0.0, _shapes(*corners))
 
 
 def _cross(
