@@ -370,7 +370,7 @@ def spoilt(change: str) -> str:
         ("many", "1,000,000 nodes, for which 60 GB would be needed"),
         ("binary", "wanted Gmsh MSH 2.2 or 4.1 in ASCII"),
         ("other version", "wanted Gmsh MSH 2.2 or 4.1 in ASCII"),
-        ("short", "wanted at least 3 numbers"),
+        ("short", "wanted at least 3 whole numbers"),
         ("more labels than numbers", "wanted four nodes of the file"),
         ("a node that is not there", "wanted four nodes of the file"),
         ("a node twice", "two nodes have the same number"),

@@ -51,6 +51,7 @@ class _Lines:
         except ValueError as error:
             raise BadFileError(f"{name}: {error}. Save it again.") from error
         self._next = 0
+        self._wanted = ""
         self._sections: dict[str, int] = {}
         for number, line in enumerate(self._lines, start=1):
             if line.lstrip().startswith("$"):
@@ -71,36 +72,25 @@ class _Lines:
         self._next = self._sections.get(f"${title}", self._next)
         return f"${title}" in self._sections
 
-    def words(self, least: int) -> list[str]:
-        """Return the words of the next line, at least `least` of them."""
+    def words(self, least: int, wanted: str = "numbers") -> list[str]:
+        """Return the words of the next line, at least `least` of them; `wanted` says what they are."""
+        self._wanted = wanted
         words: list[str] = []
         if self._next < len(self._lines):
             words = self._lines[self._next].split()
         self._next += 1
         if len(words) < least:
-            raise self.fault(f"at least {least} numbers")
+            raise self.fault(f"at least {least} {wanted}")
         return words
 
     def wholes(self, least: int) -> list[int]:
         """Return the integers of the next line."""
-        return self.as_wholes(self.words(least))
+        return [whole_in(word) for word in self.words(least, "whole numbers")]
 
-    def as_wholes(self, words: list[str]) -> list[int]:
-        """Return words of the line as integers."""
-        try:
-            return [whole_in(word) for word in words]
-        except ValueError as error:
-            raise self.fault("whole numbers") from error
-
-    def point(self, words: list[str]) -> list[float]:
-        """Return three of the line's words as coordinates."""
-        try:
-            return coordinates(words)
-        except ValueError as error:
-            raise self.fault("three coordinates") from error
-
-    def fault(self, wanted: str) -> BadFileError:
-        return BadFileError(f"{self.name}: line {self._next}: wanted {wanted}. Save it again.")
+    def fault(self, wanted: str = "") -> BadFileError:
+        """Return the error about the line that was read last: it is not what is, or was, `wanted`."""
+        text = wanted or self._wanted
+        return BadFileError(f"{self.name}: line {self._next}: wanted {text}. Save it again.")
 
 
 def read_msh(name: str, content: bytes) -> Mesh:
@@ -109,6 +99,13 @@ def read_msh(name: str, content: bytes) -> Mesh:
     Raises BadFileError, naming the file and the line, for any other content.
     """
     lines = _Lines(name, content)
+    try:
+        return _read(name, lines)
+    except (ValueError, IndexError) as error:  # a word that is no number, or missing
+        raise lines.fault() from error
+
+
+def _read(name: str, lines: _Lines) -> Mesh:
     lines.section("MeshFormat")
     version, kind = lines.words(3)[:2]
     if version not in VERSIONS or kind != "0":
@@ -151,10 +148,9 @@ def read_msh(name: str, content: bytes) -> Mesh:
         raise BadFileError(
             f"{name}: line {doubled}: a tetrahedron that comes again, as one in two physical groups does. Leave it to one."
         )
-    ordered = sorted(set(members) - {NO_GROUP})
-    ranks = {name: rank for rank, name in enumerate(ordered)} | {NO_GROUP: -1}
-    grouped = np.array([ranks[member] for member in members])
-    return mesh._replace(groups=tuple(ordered), members=grouped).only(np.arange(len(tetrahedra)))
+    groups, ranks = np.unique([NO_GROUP, *members], return_inverse=True)
+    grouped = mesh._replace(groups=tuple(groups[1:].tolist()), members=ranks[1:] - 1)
+    return grouped.only(np.arange(len(tetrahedra)))
 
 
 def _group_names(lines: _Lines) -> dict[int, str]:
@@ -168,7 +164,7 @@ def _group_names(lines: _Lines) -> dict[int, str]:
     for _ in range(count):
         dimension, tag, *words = lines.words(3)
         if dimension == "3":
-            names[lines.as_wholes([tag])[0]] = " ".join(words).strip('"')
+            names[whole_in(tag)] = " ".join(words).strip('"')
     return {tag: name for tag, name in names.items() if re.fullmatch(PART_PATTERN, name)}
 
 
@@ -184,11 +180,11 @@ def _groups_of_volumes(lines: _Lines) -> dict[int, int]:
     groups = {}
     for _ in range(counts[3]):
         tag, *rest = lines.words(8)
-        found = lines.as_wholes([tag, rest[6], *rest[7:8]])
-        if found[1] > 1:
+        count = whole_in(rest[6])
+        if count > 1:
             raise lines.fault("a volume in at most one physical group")
-        if found[1] == 1:
-            groups[found[0]] = found[-1]
+        if count == 1:
+            groups[whole_in(tag)] = whole_in(rest[7])
     return groups
 
 
@@ -202,15 +198,15 @@ def _nodes(lines: _Lines, is_old: bool) -> tuple[dict[int, int], list[list[float
     positions: list[list[float]] = []
     if is_old:
         for _ in range(count):
-            tag, *rest = lines.words(4)
-            tags += lines.as_wholes([tag])
-            positions.append(lines.point(rest))
+            tag, *rest = lines.words(4, "three coordinates")
+            tags.append(whole_in(tag))
+            positions.append(coordinates(rest))
     for _ in range(blocks):
         own = lines.wholes(4)[3]
         if not 0 <= own <= count - len(tags):
             raise lines.fault("no more nodes than the section says")
         tags += [lines.wholes(1)[0] for _ in range(own)]
-        positions += [lines.point(lines.words(3)) for _ in range(own)]
+        positions += [coordinates(lines.words(3, "three coordinates")) for _ in range(own)]
     places = {tag: place for place, tag in enumerate(tags)}
     if len(places) < len(tags) or min(tags, default=0) < 0:
         raise BadFileError(
