@@ -13,6 +13,8 @@ from jaxtyping import Float, Int
 
 from neuroanimator.errors import ArgumentError
 from neuroanimator.physics.deformable.body import Body, area_vectors, length_jacobian
+from neuroanimator.physics.pieces import pieces_of
+from neuroanimator.physics.schemes import schemes_of
 from neuroanimator.text import listed
 
 if TYPE_CHECKING:
@@ -74,14 +76,12 @@ def check_springs(
 
 
 def _check_connected(names: Sequence[str], springs: Int[np.ndarray, "P 2"]) -> None:
-    piece = np.arange(len(names))
-    for first, second in springs:
-        piece[piece == piece[second]] = piece[first]
-    pieces = [np.flatnonzero(piece == number).tolist() for number in np.unique(piece)]
-    if len(pieces) > 1:
-        smallest = [names[i] for i in min(pieces, key=len)]
+    pieces = pieces_of(len(names), springs)
+    sizes = np.bincount(pieces)
+    if len(sizes) > 1:
+        smallest = [names[i] for i in np.flatnonzero(pieces == sizes.argmin()).tolist()]
         raise ArgumentError(
-            f"springs: the body is in {len(pieces)} pieces; no spring connects {listed(smallest)} "
+            f"springs: the body is in {len(sizes)} pieces; no spring connects {listed(smallest)} "
             "to the rest. Add springs, or make it a body of its own."
         )
 
@@ -102,21 +102,17 @@ def check_muscles(
 
 def check_steps(definition: BodyDefinition, body: Body) -> None:
     """Refuse a step at which the body's own small vibrations would grow."""
-    physics = definition.physics
     limit = largest_stable_step(body)
-    schemes = (
-        ("step", physics.step, physics.integrator),
-        ("truth_step", physics.truth_step, physics.truth_integrator),
-        ("fine_step", physics.fine_step, physics.fine_integrator),
-    )
-    for key, step, integrator in schemes:
+    keys = ("step", "truth_step", "fine_step")
+    for key, scheme in zip(keys, schemes_of(definition.physics), strict=True):
+        integrator = scheme.integrator
         largest = limit * RK4_OVER_SYMPLECTIC if integrator == "rk4" else limit
-        if step > largest:
+        if scheme.dt > largest:
             why = "they grow"
             if integrator == "semi-implicit":
                 why = "its matrix holds nothing of a spring at rest"
             raise ArgumentError(
-                f"physics.{key}: {step:g} s is too large for the fastest vibrations: {integrator} needs at most "
+                f"physics.{key}: {scheme.dt:g} s is too large for the fastest vibrations: {integrator} needs at most "
                 f"{largest:.3g} s ({why}). Take a smaller step, softer springs or more mass."
             )
 

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from neuroanimator.appearance.shapes import MAX_NODES
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.numbers import number_in
+from neuroanimator.physics.pieces import pieces_of
 from neuroanimator.physics.soft.soft_body import Points, tetrahedron_volumes
 
 BYTES_A_NODE = 60_000
@@ -58,18 +59,8 @@ class Mesh(NamedTuple):
         return f"{kind} of {named_lines(self.lines[elements])}"
 
     def pieces(self) -> Int[np.ndarray, " N"]:
-        """Return the number of the piece each node belongs to, in the order of their first nodes.
-
-        Roots of trees join through their elements until none does (Shiloach and Vishkin, 1982).
-        """
-        roots = np.arange(len(self.positions))
-        while True:
-            around = roots[self.elements]
-            least = around.min(axis=1)
-            if (around == least[:, None]).all():
-                return np.unique(roots, return_inverse=True)[1].reshape(-1)
-            np.minimum.at(roots, around, least[:, None])
-            roots = roots[roots]
+        """Return the number of the piece each node belongs to, in the order of their first nodes."""
+        return pieces_of(len(self.positions), self.elements)
 
     def only(self, elements: Numbers) -> Mesh:
         """Return the mesh of these `elements` and their nodes, in the same order."""
