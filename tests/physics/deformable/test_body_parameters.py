@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from energies import energy
 
 from neuroanimator import load_system
 from neuroanimator.codegen.compiler import find_compiler
@@ -19,7 +20,7 @@ from neuroanimator.physics.deformable.body import length_jacobian
 from neuroanimator.physics.deformable.body_parameters import body_at
 from neuroanimator.physics.deformable.build import body_of
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
-from neuroanimator.physics.deformable.mass_spring import BodyState, energy, trajectory
+from neuroanimator.physics.deformable.mass_spring import BodyState, trajectory
 from neuroanimator.physics.deformable.native.compiled import INTEGRATORS, c_twin
 
 DT = 0.02

@@ -12,18 +12,17 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from energies import energy
 from jax import Array
 
 from neuroanimator import load_system
-from neuroanimator.physics.deformable.body import Body, Ground
+from neuroanimator.physics.deformable.body import GRAVITY, Body, Ground
 from neuroanimator.physics.deformable.checks import largest_stable_step
 from neuroanimator.physics.deformable.deformable_system import DeformableSystem
 from neuroanimator.physics.deformable.mass_spring import (
-    GRAVITY,
     STEPPERS,
     BodyState,
     advance,
-    energy,
     implicit_matrix,
     is_inside_out,
     outer_forces,

@@ -19,7 +19,7 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Bool, Float
 
-from neuroanimator.physics.deformable.body import GRAVITY, Body, point_forces
+from neuroanimator.physics.deformable.body import Body, point_forces
 from neuroanimator.physics.water import dot, face_forces, wetness
 from neuroanimator.state.arrays import AnyArray
 
@@ -98,29 +98,6 @@ def outer_forces(
         total = jnp.tensordot(body.external_forces.astype(positions.dtype), controls, 1)
         force = force + share * total
     return force
-
-
-def energy(body: Body, state: BodyState) -> Array:
-    """Return (...) kinetic and elastic energy, and that of weight [J]: in air, or in water without a surface."""
-    heights = state.positions[:, 2]
-    is_immersed = body.water is not None and body.water.surface is None
-    lift = _along(body.lift * is_immersed, heights)
-    weights = GRAVITY * _along(body.masses, heights) * (1 - lift)
-    potential = jnp.sum(weights * heights, axis=0)
-    return internal_energy(body, state) + potential
-
-
-def internal_energy(body: Body, state: BodyState) -> Array:
-    """Return (...) kinetic and elastic energy [J], which do not depend on the body's position."""
-    positions, velocities, activations = state
-    masses = _along(body.masses, velocities)
-    kinetic = jnp.sum(masses * velocities * velocities, axis=(0, 1)) / 2
-    first, second = body.springs.T
-    extent = positions[second] - positions[first]
-    length = jnp.sqrt(dot(extent, extent))
-    stretch = length - _rest_lengths(body, activations, length)
-    elastic = jnp.sum(_along(body.stiffness, length) * stretch**2, axis=0) / 2
-    return kinetic + elastic
 
 
 def strains(body: Body, positions: Float[AnyArray, "N 3 ..."]) -> Float[AnyArray, "P ..."]:
