@@ -189,7 +189,9 @@ def test_sensors_are_emulated_and_agree_with_mujoco(cart: Path):
         fine.states[:, :, 4], fine.states[:, :, 2], atol=0.02
     )  # of the step before
     path.write_text(path.read_text().replace('"pace"', '"race"'))
-    with pytest.raises(NeuroAnimatorError, match="no sensor called 'race'. Sensors: pace"):
+    with pytest.raises(
+        NeuroAnimatorError, match=r"no sensor called 'race'. Did you mean pace\? Sensors: pace"
+    ):
         load_system(str(path))
 
 
@@ -252,7 +254,7 @@ def test_models_that_cannot_be_emulated_are_refused_by_name(change, message: str
         ),
         (
             lambda toml: toml.replace('hinge = "sine"', 'hinjge = "sine"'),
-            "No joint called 'hinjge'. Joints: track",
+            r"No joint called 'hinjge'. Did you mean hinge\? Joints: track",
         ),
         (lambda toml: toml.replace("push = [-5.0, 5.0]", "push = [5.0, -5.0]"), "control.push"),
         (

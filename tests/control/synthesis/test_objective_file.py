@@ -302,7 +302,7 @@ def test_a_motion_begins_where_the_file_says_with_turns_of_unit_length(tmp_path:
         ),
         (
             '[[costs]]\nkind = "reach_state"\nreach = { wheel = [1] }',
-            "No part called 'wheel'. Parts: root.position",
+            "No part called 'wheel'. Did you mean wheel_rr? Parts: root.position",
         ),
         (
             '[[costs]]\nkind = "reach_state"\nreach = { steer_fl = [1, 2] }',
