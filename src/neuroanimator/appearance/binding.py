@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -22,8 +22,8 @@ MIN_LENGTH = 1e-12
 NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
 """The quaternion wxyz of a bone along the world's axes."""
 
-Entry = Annotated[int, Field(ge=0, le=10**6)]
-Weight = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
+Entry = Annotated[int, Field(strict=True, ge=0, le=10**6)]
+Weight = Annotated[float, Field(strict=True, ge=-1, le=1, allow_inf_nan=False)]
 Weights = tuple[tuple[Entry, Weight], ...]
 """Mass points: the first of the three state entries of each one's position, and its weight."""
 
@@ -40,7 +40,7 @@ class Binding(BaseModel):
     and rotating all mass points moves and rotates a bone that has both.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     position: Weights = Field(min_length=1, max_length=MAX_POINTS)
     """Weights of the mean; they add up to 1."""
@@ -65,14 +65,6 @@ class Binding(BaseModel):
         """Last state entry that is read."""
         weights = (*self.position, *self.forward, *self.up)
         return 2 + max(entry for entry, _ in weights)
-
-
-def binding_from_json(row: Any) -> Binding:
-    """Return the binding that `Binding.model_dump` wrote; ValueError names what is wrong with it."""
-    fields = {}
-    for name, pairs in dict(row).items():
-        fields[name] = tuple(tuple(pair) for pair in pairs)
-    return Binding.model_validate(fields)
 
 
 def bound_pose(binding: Binding, states: Float[np.ndarray, "T S"]) -> Pose:

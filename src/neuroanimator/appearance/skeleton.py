@@ -6,23 +6,33 @@ Needs no physics engine.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import Field, TypeAdapter, ValidationError
 
-from neuroanimator.appearance.binding import Binding, Pose, binding_from_json, bound_pose
+from neuroanimator.appearance.binding import Binding, Pose, bound_pose
 from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
 from neuroanimator.errors import ArgumentError
-from neuroanimator.files.names import check_label
-from neuroanimator.files.numbers import number, numbers, whole
+from neuroanimator.files.names import LABEL_PATTERN
+from neuroanimator.files.tables import first_fault
 from neuroanimator.state.kinematics import Kinematics
-from neuroanimator.state.links import JOINT_KINDS, JOINT_SIZES, Joint, Link, Numbers
+from neuroanimator.state.links import (
+    EXACT,
+    JOINT_SIZES,
+    MAX_DISTANCE,
+    Joint,
+    Link,
+    Point,
+    Quaternion,
+    one_of,
+)
 from neuroanimator.state.rotation import multiply, rotate
-from neuroanimator.text import did_you_mean, quoted
+from neuroanimator.text import did_you_mean
 
 Poses = tuple[Float[np.ndarray, "T B 3"], Float[np.ndarray, "T B 4"]]
 """Positions [m] and orientations wxyz of B bones in T states."""
@@ -42,38 +52,28 @@ MAX_BONES = 500
 MAX_PIECES = 5000
 """Maximum number of joints, and of shapes, of one bone: the world of a model may have many."""
 
-MAX_ENTRIES = 10**9
-"""Largest state entry a joint may read before the state's size is known."""
+Size = Annotated[float, Field(strict=True, ge=0, le=MAX_DISTANCE)]
+"""A size of a shape [m]."""
 
-MAX_DISTANCE = 1e6
-"""Largest position and size drawn [m]."""
-
-MAX_VALUE = 1e9
-"""Largest value of a joint at its reference [rad or m]."""
-
-UNIT_TOLERANCE = 1e-3
-"""Tolerance of the length of a quaternion or an axis read from a file, which should be 1."""
-
-MAX_COMPONENT = 2.0
-"""Largest component an axis or a quaternion may have before its length is checked."""
-
-MAX_REASON = 80
-"""Maximum number of characters of Python's own reason that a message quotes."""
+Shade = Annotated[float, Field(strict=True, ge=0, le=1)]
+"""An amount of a colour, or an opacity."""
 
 
 @dataclass(frozen=True)
 class Shape:
     """Something to draw, fixed to a bone."""
 
-    kind: str
+    __pydantic_config__ = EXACT
+
+    kind: Annotated[str, one_of(SHAPE_KINDS)]
     """One of `SHAPE_KINDS`."""
-    size: Numbers
+    size: Annotated[tuple[Size, ...], Field(max_length=MAX_SIZES)]
     """Radius and half length along Z (capsule, cylinder), radius (sphere), half axes (box, ellipsoid) [m]."""
-    position: Numbers
+    position: Point
     """Its middle in the bone's frame [m]."""
-    orientation: Numbers
+    orientation: Quaternion
     """Quaternion wxyz in the bone's frame."""
-    colour: Numbers
+    colour: Annotated[tuple[Shade, ...], Field(min_length=4, max_length=4)]
     """Red, green, blue, opacity, each 0 to 1."""
 
 
@@ -81,15 +81,17 @@ class Shape:
 class Bone:
     """One rigid part: its parent, the joints that move it, and its shapes."""
 
-    name: str
-    parent: int
+    __pydantic_config__ = EXACT
+
+    name: Annotated[str, Field(pattern=LABEL_PATTERN)]
+    parent: Annotated[int, Field(strict=True, ge=-1)]
     """Index of its parent bone; -1 for the world."""
-    offset: Numbers
+    offset: Point
     """Its origin in the parent's frame [m], joints at their references."""
-    orientation: Numbers
+    orientation: Quaternion
     """Quaternion wxyz in the parent's frame, joints at their references."""
-    joints: tuple[Joint, ...]
-    shapes: tuple[Shape, ...]
+    joints: Annotated[tuple[Joint, ...], Field(max_length=MAX_PIECES)]
+    shapes: Annotated[tuple[Shape, ...], Field(max_length=MAX_PIECES)]
     binding: Binding | None = None
     """Mass points it follows, instead of joints; its parent is then the world.
 
@@ -181,38 +183,36 @@ class Skeleton:
 
         If `state_size` is given, no bone may read beyond that many state entries.
         """
+        if not isinstance(described, dict):
+            described = {"bones": described, "skin": None}
+        if {*described} != {"bones", "skin"} or not isinstance(described["bones"], list):
+            raise ValueError("skeleton: wanted bones and a skin")
+        rows = described["bones"]
+        if len(rows) > MAX_BONES:
+            raise ValueError(f"skeleton: {len(rows)} bones; wanted at most {MAX_BONES}")
         try:
-            return _skeleton_from_json(described, state_size)
-        except (TypeError, KeyError, AttributeError, OverflowError) as error:
-            reason = str(error)[:MAX_REASON]
-            raise ValueError(f"skeleton: {type(error).__name__} {reason}") from error
+            bones = _BONES.validate_python(rows)
+        except ValidationError as error:
+            raise ValueError(f"skeleton: {first_fault(error)}") from error
+        for number, bone in enumerate(bones):
+            _check_bone(bone, number, state_size)
+        if described["skin"] is None:
+            return cls(bones)
+        skin = skin_from_json(described["skin"])
+        # The skins of deformable bodies are made around their bones, whose parent is the world.
+        is_bound = isinstance(skin, MeshSkin) or all(bone.binding is not None for bone in bones)
+        if not is_bound or not skin.fits([bone.offset for bone in bones]):
+            raise ValueError("skeleton: its skin needs other bones")
+        return cls(bones, skin)
+
+
+_BONES = TypeAdapter(tuple[Bone, ...])
+"""Reader of bones."""
 
 
 def kinematics_of(bones: Sequence[Bone]) -> Kinematics:
     """Return how joints move the links of these `bones`."""
     return Kinematics(tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones))
-
-
-def _skeleton_from_json(described: Any, state_size: int | None) -> Skeleton:
-    if not isinstance(described, dict):
-        described = {"bones": described, "skin": None}
-    if {*described} != {"bones", "skin"} or not isinstance(described["bones"], list):
-        raise ValueError("skeleton: wanted bones and a skin")
-    rows = described["bones"]
-    if len(rows) > MAX_BONES:
-        raise ValueError(f"skeleton: {len(rows)} bones; wanted at most {MAX_BONES}")
-    bones = tuple(_bone_from_json(row, number) for number, row in enumerate(rows))
-    entries = max((_entries_read(bone) for bone in bones), default=0)
-    if state_size is not None and entries > state_size:
-        raise ValueError(f"skeleton: reads {entries} state entries of {state_size}")
-    if described["skin"] is None:
-        return Skeleton(bones)
-    skin = skin_from_json(described["skin"])
-    # The skins of deformable bodies are made around their bones, whose parent is the world.
-    is_bound = isinstance(skin, MeshSkin) or all(bone.binding is not None for bone in bones)
-    if not is_bound or not skin.fits([bone.offset for bone in bones]):
-        raise ValueError("skeleton: its skin needs other bones")
-    return Skeleton(bones, skin)
 
 
 def _bone_to_json(bone: Bone) -> dict[str, Any]:
@@ -224,88 +224,19 @@ def _bone_to_json(bone: Bone) -> dict[str, Any]:
     return row
 
 
-def _bone_from_json(row: Any, number: int) -> Bone:
-    """Return a bone; only one of the `number` bones before it can be its parent."""
-    if isinstance(row, dict):
-        row = {"binding": None, **row}
-    _check_keys(row, Bone)
-    name = check_label(row["name"], f"bone {number}")
-    label = f"bone '{name}'"
-    joints = tuple(_joint_from_json(joint, label) for joint in _pieces(row["joints"], label))
-    shapes = tuple(_shape_from_json(shape, label) for shape in _pieces(row["shapes"], label))
-    binding = None
-    if row["binding"] is not None:
-        binding = binding_from_json(row["binding"])
-    parent = whole(row["parent"], f"{label}: parent", -1, number - 1)
-    if binding is not None and (joints or parent >= 0):
+def _check_bone(bone: Bone, number: int, state_size: int | None) -> None:
+    """Refuse a bone, the one of this `number`, that reads beyond the state, or whose parent is not among those before it."""
+    label = f"bone '{bone.name}'"
+    if bone.parent >= number:
+        raise ValueError(f"{label}: wanted a parent before it")
+    if bone.binding is not None and (bone.joints or bone.parent >= 0):
         raise ValueError(f"{label} follows mass points and has joints or a parent")
-    return Bone(
-        name=name,
-        parent=parent,
-        offset=_position(row["offset"], label),
-        orientation=_unit_vector(row["orientation"], label, 4),
-        joints=joints,
-        shapes=shapes,
-        binding=binding,
-    )
-
-
-def _joint_from_json(row: Any, label: str) -> Joint:
-    _check_keys(row, Joint, JOINT_KINDS)
-    return Joint(
-        kind=row["kind"],
-        entry=whole(row["entry"], f"{label}: entry", 0, MAX_ENTRIES),
-        axis=_unit_vector(row["axis"], label, 3),
-        anchor=_position(row["anchor"], label),
-        reference=number(row["reference"], f"{label}: reference", -MAX_VALUE, MAX_VALUE),
-    )
-
-
-def _shape_from_json(row: Any, label: str) -> Shape:
-    _check_keys(row, Shape, SHAPE_KINDS)
-    size = numbers(row["size"], f"{label}: size", most=MAX_DISTANCE)
-    colour = numbers(row["colour"], f"{label}: colour", 4, 1)
-    if not SHAPE_SIZES[row["kind"]] <= len(size) <= MAX_SIZES:
-        raise ValueError(f"{label}: a {row['kind']} with {len(size)} sizes")
-    if min(size) < 0 or min(colour) < 0:
-        raise ValueError(f"{label}: wanted sizes and colours of 0 or more")
-    return Shape(
-        kind=row["kind"],
-        size=size,
-        position=_position(row["position"], label),
-        orientation=_unit_vector(row["orientation"], label, 4),
-        colour=colour,
-    )
-
-
-def _position(value: Any, label: str) -> Numbers:
-    return numbers(value, f"{label}: place", 3, MAX_DISTANCE)
-
-
-def _unit_vector(value: Any, label: str, size: int) -> Numbers:
-    """Return an axis, or a quaternion; a length of 0 would make poses NaN."""
-    vector = numbers(value, f"{label}: axis or turn", size, MAX_COMPONENT)
-    if abs(np.linalg.norm(vector) - 1) > UNIT_TOLERANCE:
-        raise ValueError(
-            f"{label}: wanted an axis or a turn of length 1, got {quoted(list(vector))}"
-        )
-    return vector
-
-
-def _pieces(rows: Any, label: str) -> list[Any]:
-    if not isinstance(rows, list) or len(rows) > MAX_PIECES:
-        raise ValueError(f"{label}: wanted lists of at most {MAX_PIECES} joints and shapes")
-    return rows
-
-
-def _check_keys(row: Any, described: type, valid_kinds: tuple[str, ...] = ()) -> None:
-    """Refuse a row without exactly the fields of the class `described`, or of a kind not among `valid_kinds`."""
-    what = described.__name__.lower()
-    names = {field.name for field in fields(described)}
-    if not isinstance(row, dict) or {*row} != names:
-        raise ValueError(f"skeleton: a {what} has unexpected or missing fields")
-    if valid_kinds and row["kind"] not in valid_kinds:
-        raise ValueError(f"skeleton: no {what} of the kind {quoted(row['kind'])} is known")
+    for shape in bone.shapes:
+        if len(shape.size) < SHAPE_SIZES[shape.kind]:
+            raise ValueError(f"{label}: a {shape.kind} with {len(shape.size)} sizes")
+    entries = _entries_read(bone)
+    if state_size is not None and entries > state_size:
+        raise ValueError(f"{label}: reads {entries} state entries of {state_size}")
 
 
 def _entries_read(bone: Bone) -> int:

@@ -11,12 +11,13 @@ import equinox as eqx
 import numpy as np
 
 from neuroanimator.appearance.shapes import Shapes
-from neuroanimator.appearance.skeleton import UNIT_TOLERANCE, Skeleton
+from neuroanimator.appearance.skeleton import Skeleton
 from neuroanimator.files.atomic import Metadata
 from neuroanimator.files.names import check_system_name
 from neuroanimator.files.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.gait import Gait
 from neuroanimator.state.layout import MAX_NUMBERS, Bounds, Layout, Pairs
+from neuroanimator.state.links import UNIT_TOLERANCE
 from neuroanimator.state.placement import Placement
 
 MAX_STRIDES = 16

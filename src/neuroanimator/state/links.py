@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import AfterValidator, ConfigDict, Field
 
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.rotation import multiply, rotate
@@ -22,20 +25,67 @@ JOINT_KINDS = ("hinge", "slide", "ball", "free")
 JOINT_SIZES = {"ball": 4, "free": 7}
 """Number of state entries a joint reads, if more than one."""
 
+MAX_ENTRIES = 10**9
+"""Largest state entry a joint may read before the state's size is known."""
+
+MAX_DISTANCE = 1e6
+"""Largest position and size drawn [m]."""
+
+MAX_VALUE = 1e9
+"""Largest value of a joint at its reference [rad or m]."""
+
+UNIT_TOLERANCE = 1e-3
+"""Tolerance of the length of a quaternion or an axis read from a file, which should be 1."""
+
+EXACT = ConfigDict(extra="forbid")
+"""Rule for reading a class from a file: no other fields than its own."""
+
+
+def one_of(names: Sequence[str]) -> Any:
+    """Return the rule that a text is one of `names`."""
+    return Field(pattern=f"^({'|'.join(names)})$")
+
+
+def _unit(vector: Numbers) -> Numbers:
+    """Return an axis, or a quaternion; a length of 0 would make poses NaN."""
+    if abs(np.linalg.norm(vector) - 1) > UNIT_TOLERANCE:
+        raise ValueError("wanted an axis or a rotation of length 1")
+    return vector
+
+
+Distance = Annotated[float, Field(strict=True, ge=-MAX_DISTANCE, le=MAX_DISTANCE)]
+"""A coordinate [m]."""
+
+Component = Annotated[float, Field(strict=True, ge=-2, le=2)]
+"""A component of an axis or a quaternion, before its length is checked."""
+
+Point = Annotated[tuple[Distance, ...], Field(min_length=3, max_length=3)]
+"""A point [m]."""
+
+Axis = Annotated[tuple[Component, ...], Field(min_length=3, max_length=3), AfterValidator(_unit)]
+"""A unit vector."""
+
+Quaternion = Annotated[
+    tuple[Component, ...], Field(min_length=4, max_length=4), AfterValidator(_unit)
+]
+"""A quaternion wxyz."""
+
 
 @dataclass(frozen=True)
 class Joint:
     """A joint between a bone and its parent."""
 
-    kind: str
+    __pydantic_config__ = EXACT
+
+    kind: Annotated[str, one_of(JOINT_KINDS)]
     """One of `JOINT_KINDS`."""
-    entry: int
+    entry: Annotated[int, Field(strict=True, ge=0, le=MAX_ENTRIES)]
     """First state entry it reads: an angle [rad], a distance [m], a quaternion, or a position and a quaternion."""
-    axis: Numbers
+    axis: Axis
     """Unit axis of a hinge or slide in the bone's frame."""
-    anchor: Numbers
+    anchor: Point
     """Centre of rotation in the bone's frame [m]."""
-    reference: float = 0.0
+    reference: Annotated[float, Field(strict=True, ge=-MAX_VALUE, le=MAX_VALUE)] = 0.0
     """Value of the entry at which the bone has its pose in the tree."""
 
 
