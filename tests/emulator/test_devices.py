@@ -33,9 +33,9 @@ def test_a_super_step_on_every_device_is_that_of_c(name: str, monkeypatch: pytes
     emulator = load_emulator(name)
     program = c_emulator(emulator)
     assert program is not None
-    probes = probes_of(emulator)
+    _, held = probes_of(emulator).inputs
     rest = np.tile(np.asarray(emulator.rest, np.float32), (64, 1))
-    controls = np.ascontiguousarray(probes.controls[:64, None], np.float32)
+    controls = np.ascontiguousarray(held[:64, None], np.float32)
     in_c, are_sound = program.rollouts(rest, controls)
     assert are_sound
     for device in {jax.devices()[0], jax.devices("cpu")[0]}:

@@ -6,7 +6,6 @@ Programs take controls in float32, and states in float32 or float64, which they 
 
 from __future__ import annotations
 
-import ctypes
 import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -72,7 +71,7 @@ def super_step_trusted(
 
 
 def c_program(emulator: SuperStep) -> CProgram:
-    """Return the program for single motions: `step`, `rollout`, `rollout_trusted` and `trust` of `rollout.c`."""
+    """Return the program for single motions: `step`, `rollout` and `rollout_trusted` of `rollout.c`."""
     functions = {"super_step": super_step, "super_step_trusted": super_step_trusted}
     return _program(emulator, functions, "rollout.c", is_wide=False)
 
@@ -141,41 +140,20 @@ class CEmulator:
     a rollout's states are finite.
     """
 
-    def __init__(
-        self,
-        program: LoadedProgram,
-        lanes: Callable[[], LoadedProgram | None],
-        state_size: int,
-        control_size: int,
-    ):
+    def __init__(self, program: LoadedProgram, lanes: Callable[[], LoadedProgram | None]):
         """`lanes` loads the program for sixteen parallel motions, when it is needed."""
         self._program = program
         self._constants_at = address(program.constants)
         self._lanes = lanes
-        self._state_size = state_size
-        self._control_size = control_size
         self._step = declared(program.library, "step", 5)
         self._rollout = declared(program.library, "rollout", 6)
         self._rollout_trusted = declared(program.library, "rollout_trusted", 7)
-        self._trust = declared(program.library, "trust", 4, ctypes.c_float)
-
-    def takes_step(self, state: np.ndarray, control: np.ndarray) -> bool:
-        """Return whether these have the shapes that `step` takes."""
-        return state.shape == (self._state_size,) and control.shape == (self._control_size,)
-
-    def takes_rollout(self, state: np.ndarray, controls: np.ndarray) -> bool:
-        """Return whether these have the shapes that `rollout` takes: one motion, or a non-empty batch."""
-        if state.ndim not in (1, 2) or controls.ndim != state.ndim + 1 or not len(state):
-            return False
-        sizes = (state.shape[-1], controls.shape[-1])
-        is_of_sizes = sizes == (self._state_size, self._control_size)
-        return is_of_sizes and state.shape[:-1] == controls.shape[:-2]
 
     def step(
         self, state: Float[np.ndarray, " S"], control: Float[np.ndarray, " C"]
     ) -> tuple[Float[np.ndarray, " S"], bool]:
         """Return (the state one super step later, whether it and the inputs are sound)."""
-        following = np.empty(self._state_size, state.dtype)
+        following = np.empty_like(state)
         is_sound = self._step(
             self._constants_at,
             address(state),
@@ -192,7 +170,7 @@ class CEmulator:
         if state.ndim == 2:
             return self.rollouts(state, controls)
         steps = len(controls)
-        states = np.empty((steps + 1, self._state_size), state.dtype)
+        states = np.empty((steps + 1, len(state)), state.dtype)
         is_sound = self._rollout(
             self._constants_at,
             address(state),
@@ -210,7 +188,8 @@ class CEmulator:
         lanes = self._lanes() if len(states) >= MIN_LANES else None
         if lanes is not None:
             return _rollouts(lanes, states, controls)
-        motions = np.empty((len(states), controls.shape[1] + 1, self._state_size), states.dtype)
+        count, size = states.shape
+        motions = np.empty((count, controls.shape[1] + 1, size), states.dtype)
         are_sound = True
         for row, (state, held) in enumerate(zip(states, controls, strict=True)):
             motions[row], is_sound = self.rollout(state, held)
@@ -222,7 +201,7 @@ class CEmulator:
     ) -> tuple[Float[np.ndarray, "B T+1 S"], Float[np.ndarray, "B T"]]:
         """Return (the trajectory from each of `states`, the score of each super step), one motion after the other."""
         count, steps, _ = controls.shape
-        motions = np.empty((count, steps + 1, self._state_size), states.dtype)
+        motions = np.empty((count, steps + 1, states.shape[1]), states.dtype)
         scores = np.empty((count, steps), np.float32)
 
         def run(rows: slice) -> None:
@@ -239,17 +218,6 @@ class CEmulator:
 
         in_parts(run, count, smallest=max(1, STEPS_OF_THREAD // max(1, steps)))
         return motions, scores
-
-    def trust(
-        self, states: Float[np.ndarray, "N S"], controls: Float[np.ndarray, "N C"]
-    ) -> Float[np.ndarray, " N"]:
-        """Return the trust score of each state with its control."""
-        is_double = states.dtype == float
-        pairs = zip(states, controls, strict=True)
-        scores = [
-            self._trust(self._constants_at, address(s), address(c), is_double) for s, c in pairs
-        ]
-        return np.array(scores, np.float32)
 
 
 def _rollouts(
@@ -289,8 +257,7 @@ def c_emulator(emulator: SuperStep) -> CEmulator | None:
     program = load_checked(emulator, c_program, probes_of, _check)
     if program is None:
         return None
-    lanes = _lanes_of(weakref.ref(emulator))
-    return CEmulator(program, lanes, emulator.state.size, emulator.control.size)
+    return CEmulator(program, _lanes_of(weakref.ref(emulator)))
 
 
 def _lanes_of(emulator: weakref.ref[SuperStep]) -> Callable[[], LoadedProgram | None]:
@@ -336,13 +303,15 @@ def load_checked(
 
 def _check(probes: Probes, program: LoadedProgram) -> None:
     """Compare a super step from each probe, and its trust score."""
-    in_c = CEmulator(program, lambda: None, probes.states.shape[1], probes.controls.shape[1])
-    pairs = list(zip(probes.states, probes.controls, strict=True))
-    probes.compare(np.stack([in_c.step(state, control)[0] for state, control in pairs]))
-    probes.compare_trust(in_c.trust(probes.states, probes.controls))
+    in_c = CEmulator(program, lambda: None)
+    states, controls = probes.inputs
+    following = [in_c.step(*pair)[0] for pair in zip(states, controls, strict=True)]
+    _, scores = in_c.rollouts_trusted(states, controls[:, None])
+    probes.compare(np.stack(following), scores)
 
 
 def _check_lanes(probes: Probes, program: LoadedProgram) -> None:
     """Compare a super step from each probe, all at once."""
-    motions, _ = _rollouts(program, probes.states, probes.controls[:, None])
+    states, controls = probes.inputs
+    motions, _ = _rollouts(program, states, controls[:, None])
     probes.compare(motions[:, 1])

@@ -15,12 +15,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Shaped
+from jaxtyping import Array, Float
 
 from neuroanimator.codegen.backend import backend
 from neuroanimator.codegen.c_function import c_function, prelude
 from neuroanimator.codegen.cores import in_parts
-from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import (
     CProgram,
     LoadedProgram,
@@ -33,7 +32,7 @@ from neuroanimator.codegen.program import Constants
 from neuroanimator.codegen.trace import Input
 from neuroanimator.emulator.arrays import as_float32
 from neuroanimator.emulator.compiled import call_compiled, is_traced, of_rows
-from neuroanimator.emulator.probes import BORDERLINE, Expected, rounded
+from neuroanimator.emulator.probes import Probes, flat_rows
 from neuroanimator.files.remembered import Remembered
 
 SOUND_SHARE = 0.5
@@ -94,7 +93,7 @@ class RowFunction:
         if in_c is not None:
             return in_c(*rows)
         outputs = call_compiled(of_rows(self.function), module, *rows)
-        return [_as_rows(np.array(output, np.float32)) for output in outputs]
+        return [flat_rows(np.array(output, np.float32)) for output in outputs]
 
 
 @Remembered
@@ -110,8 +109,8 @@ def _c_rows(module: Any, rows: RowFunction) -> CRows | None:
     def make() -> CProgram:
         return _program(function, module, [array.shape[1] for array in inputs()])
 
-    def refer() -> RowsReference:
-        return RowsReference.of(function, module, inputs())
+    def refer() -> Probes:
+        return _probes_of(function, module, inputs())
 
     program = load_program(lambda: [function.__name__, *rows.about(module)], make, refer, _check)
     return None if program is None else CRows(program)
@@ -156,53 +155,14 @@ def _in_floats(function: Function) -> Function:
     return in_floats
 
 
-@dataclass(frozen=True)
-class RowsReference:
-    """Results of JAX for rows of inputs, and for the same rows `rounded`."""
-
-    name: str
-    """Name of the function."""
-    inputs: list[Float[np.ndarray, "N _"]]
-    exact: list[Shaped[np.ndarray, "N ..."]]
-    rerun: list[Shaped[np.ndarray, "N ..."]]
-
-    @classmethod
-    def of(
-        cls, function: Function, module: Any, inputs: Sequence[Float[np.ndarray, "N _"]]
-    ) -> RowsReference:
-        """Return the reference of `function` of `module`, on those `inputs` for which it gives finite numbers.
-
-        Raises WrongProgramError if these are too few to check a program with.
-        """
-        in_jax = compiled_quickly(of_rows(function))
-        exact = [np.asarray(output) for output in in_jax(module, *inputs)]
-        rerun = [np.asarray(output) for output in in_jax(module, *map(rounded, inputs))]
-        are_sound = np.ones(len(inputs[0]), bool)
-        for values in (*exact, *rerun):
-            are_sound &= np.isfinite(_as_rows(values)).all(axis=1)
-        name = function.__name__
-        if are_sound.mean() < SOUND_SHARE:
-            raise WrongProgramError(f"{name}: too few of the test inputs give usable results.")
-        return cls(
-            name,
-            [array[are_sound] for array in inputs],
-            [values[are_sound] for values in exact],
-            [values[are_sound] for values in rerun],
-        )
+def _probes_of(function: Function, module: Any, inputs: list[Float[np.ndarray, "N _"]]) -> Probes:
+    """Return the probes of `function`; WrongProgramError if too few of `inputs` prove anything."""
+    probes = Probes.of(function.__name__, function, module, inputs)
+    if len(probes.inputs[0]) < SOUND_SHARE * len(inputs[0]):
+        raise WrongProgramError(f"{probes.name}: too few of the test inputs give usable results.")
+    return probes
 
 
-def _check(reference: RowsReference, program: LoadedProgram) -> None:
+def _check(probes: Probes, program: LoadedProgram) -> None:
     """Raise WrongProgramError unless C agrees with JAX on every row, to within rounding."""
-    computed = CRows(program)(*reference.inputs)
-    for values, expected, otherwise in zip(computed, reference.exact, reference.rerun, strict=True):
-        wanted = _as_rows(expected)
-        if expected.dtype == bool:
-            agrees = np.mean((values > 0) != wanted) <= BORDERLINE
-        else:
-            agrees = Expected.of(wanted, _as_rows(otherwise)).agrees(values)
-        if not agrees:
-            raise WrongProgramError(f"Generated C disagrees with {reference.name} in JAX.")
-
-
-def _as_rows(values: Shaped[np.ndarray, "N ..."]) -> Shaped[np.ndarray, "N M"]:
-    return values.reshape(len(values), -1)
+    probes.compare(*CRows(program)(*probes.inputs))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float, Shaped
 
 from neuroanimator.codegen.jax_settings import compiled_quickly
 from neuroanimator.codegen.kept import WrongProgramError
@@ -64,70 +66,86 @@ class Expected:
     """Scale of errors."""
     doubt: Float[np.ndarray, "N 1"]
     """Effect of rounding on a row in JAX itself, over each entry's size."""
+    are_truths: bool
+    """Whether they are truth values, as 0 and 1."""
 
     @classmethod
-    def of(cls, rows: Float[np.ndarray, "N M"], otherwise: Float[np.ndarray, "N M"]) -> Expected:
+    def of(
+        cls, values: Shaped[np.ndarray, "N ..."], otherwise: Shaped[np.ndarray, "N ..."]
+    ) -> Expected:
         """Return it from JAX's results for inputs, and for the same inputs `rounded`."""
+        rows = flat_rows(values).astype(float)
         size = np.abs(rows) + np.abs(rows).max(axis=0, initial=1e-3)
-        doubt = np.abs(otherwise - rows) / size
-        return cls(rows, size, doubt.max(axis=1, keepdims=True))
+        doubt = np.abs(flat_rows(otherwise) - rows) / size
+        return cls(rows, size, doubt.max(axis=1, keepdims=True), values.dtype == bool)
 
     def agrees(self, computed: Float[np.ndarray, "N M"]) -> bool:
         """Return whether the rows `computed` by a program agree with these."""
+        if self.are_truths:
+            return bool(np.mean((computed > 0) != self.rows) <= BORDERLINE)
         off = np.abs(computed - self.rows) / self.size
         return bool((off <= TOLERANCE + DOUBTS * self.doubt).all())
 
 
+def flat_rows(values: Shaped[np.ndarray, "N ..."]) -> Shaped[np.ndarray, "N M"]:
+    """Return an array as rows of numbers."""
+    return values.reshape(len(values), -1)
+
+
 @dataclass(frozen=True)
 class Probes:
-    """States of random motions, some far outside the training domain, with JAX's results for them."""
+    """Rows of inputs of a function, and JAX's results for them."""
 
-    states: Float[np.ndarray, "N S"]
-    controls: Float[np.ndarray, "N C"]
-    """Controls within the bounds and at them."""
-    expected: Expected
-    """States one super step later."""
-    trust: Expected
+    name: str
+    """Name of the function."""
+    inputs: list[Float[np.ndarray, "N _"]]
+    expected: list[Expected]
+    """Of each output."""
 
     @classmethod
-    def of(cls, emulator: SuperStep) -> Probes:
-        """Return the probes of `emulator`."""
-        rng = np.random.default_rng(0)
-        shape = (MOTIONS, STEPS, emulator.control.size)
-        shares = np.clip(rng.uniform(-1.5, 1.5, shape), -1, 1)
-        bounds = emulator.bounds
-        held = np.asarray(bounds.middle + shares * bounds.half, np.float32)
-        rest = np.asarray(emulator.rest, np.float32)
-        rollouts = compiled_quickly(jax.vmap(partial(rollout, unroll=1), (None, None, 0)))
-        motions = rollouts(emulator, rest, held)
-        stretch = np.resize(STRETCHES, MOTIONS).astype(np.float32)[:, None, None]
-        stretched = rest + stretch * (np.array(motions)[:, :-1] - rest)
-        states = stretched.reshape(-1, len(rest))
-        controls = as_rows(held)
-        steps = compiled_quickly(jax.vmap(step_trusted, (None, 0, 0)))
-        expected, scores = map(np.asarray, steps(emulator, states, controls))
-        otherwise, other_scores = map(np.asarray, steps(emulator, rounded(states), controls))
-        is_sound = np.isfinite(expected).all(axis=1) & np.isfinite(otherwise).all(axis=1)
-        is_sound &= (np.abs(states) < LARGEST).all(axis=1)
-        return cls(
-            states=states[is_sound],
-            controls=controls[is_sound],
-            expected=Expected.of(expected[is_sound], otherwise[is_sound]),
-            trust=Expected.of(scores[is_sound, None], other_scores[is_sound, None]),
-        )
+    def of(
+        cls,
+        name: str,
+        function: Callable[..., tuple[Array, ...]],
+        module: Any,
+        inputs: Sequence[Float[np.ndarray, "N _"]],
+    ) -> Probes:
+        """Return the probes of `function` (module, vectors), those of `inputs` for which it gives finite numbers."""
+        in_jax = compiled_quickly(jax.vmap(function, (None, *[0] * len(inputs))))
+        exact = list(map(np.asarray, in_jax(module, *inputs)))
+        rerun = list(map(np.asarray, in_jax(module, *map(rounded, inputs))))
+        are_sound = np.ones(len(inputs[0]), bool)
+        for values in (*exact, *rerun):
+            are_sound &= np.isfinite(flat_rows(values)).all(axis=1)
+        pairs = zip(exact, rerun, strict=True)
+        expected = [Expected.of(*(values[are_sound] for values in pair)) for pair in pairs]
+        return cls(name, [array[are_sound] for array in inputs], expected)
 
-    def compare(self, computed: Float[np.ndarray, "N S"]) -> None:
-        """Raise WrongProgramError unless `computed` states are the expected ones."""
-        if not self.expected.agrees(computed):
-            raise WrongProgramError("Generated C disagrees with the emulator in JAX.")
-
-    def compare_trust(self, computed: Float[np.ndarray, " N"]) -> None:
-        """Raise WrongProgramError unless the scores are the expected ones."""
-        if not self.trust.agrees(computed[:, None]):
-            raise WrongProgramError("Trust scores in generated C disagree with those in JAX.")
+    def compare(self, *computed: Float[np.ndarray, "N _"]) -> None:
+        """Raise WrongProgramError unless the outputs `computed` by a program, the first ones, agree."""
+        for values, expected in zip(computed, self.expected, strict=False):
+            if not expected.agrees(values):
+                raise WrongProgramError(f"Generated C disagrees with {self.name} in JAX.")
 
 
-_probes = Remembered(Probes.of)
+def _probes_of(emulator: SuperStep) -> Probes:
+    """Return the probes of a super step and its trust score: states of random motions, some far outside of training."""
+    rng = np.random.default_rng(0)
+    shape = (MOTIONS, STEPS, emulator.control.size)
+    shares = np.clip(rng.uniform(-1.5, 1.5, shape), -1, 1)
+    bounds = emulator.bounds
+    held = np.asarray(bounds.middle + shares * bounds.half, np.float32)
+    rest = np.asarray(emulator.rest, np.float32)
+    rollouts = compiled_quickly(jax.vmap(partial(rollout, unroll=1), (None, None, 0)))
+    motions = rollouts(emulator, rest, held)
+    stretch = np.resize(STRETCHES, MOTIONS).astype(np.float32)[:, None, None]
+    states = (rest + stretch * (np.array(motions)[:, :-1] - rest)).reshape(-1, len(rest))
+    is_usual = (np.abs(states) < LARGEST).all(axis=1)
+    inputs = [states[is_usual], as_rows(held)[is_usual]]
+    return Probes.of("the emulator", step_trusted, emulator, inputs)
+
+
+_probes = Remembered(_probes_of)
 """Probes of each emulator, which several programs are checked with."""
 
 _one_at_a_time = threading.Lock()
@@ -135,6 +153,9 @@ _one_at_a_time = threading.Lock()
 
 
 def probes_of(emulator: SuperStep) -> Probes:
-    """Return the probes of `emulator`, remembered as long as it lives."""
+    """Return the probes of a super step of `emulator` and its trust score, remembered as long as it lives.
+
+    Their inputs are states and controls.
+    """
     with _one_at_a_time:
         return _probes(emulator)

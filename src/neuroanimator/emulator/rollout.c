@@ -44,14 +44,3 @@ int rollout_trusted(
     }
     return is_sound;
 }
-
-/* Distance of `state` (S,) under `control` (C,) from training: 1 is the edge. */
-float trust(const float *k, const void *state, const float *control, long is_double) {
-    NA_ALIGNED float latent[LATENT], relative[STATE];
-    double origin[AXES + 1];
-    float score;
-    take_apart(state, is_double, origin, relative);
-    encode(k, relative, latent);
-    super_step_trusted(k, latent, control, latent, relative, &score);
-    return score;
-}

@@ -16,7 +16,14 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from neuroanimator.codegen.backend import backend
-from neuroanimator.emulator.arrays import as_float32, as_jax, as_state, is_plain, state_type
+from neuroanimator.emulator.arrays import (
+    as_float32,
+    as_jax,
+    as_state,
+    is_plain,
+    state_type,
+    too_large_is_infinite,
+)
 from neuroanimator.emulator.c_emulator import CEmulator, c_emulator
 from neuroanimator.emulator.checks import MAX_CONTROL, MAX_MAGNITUDE, check_motion, check_numbers
 from neuroanimator.emulator.compiled import as_numpy, call_compiled, is_traced, of_rows
@@ -28,7 +35,6 @@ from neuroanimator.emulator.super_step import (
     rollout,
     rollout_relative,
     step,
-    trust,
 )
 from neuroanimator.errors import ArgumentError, ResourceError
 from neuroanimator.state.arrays import AnyArray, as_rows
@@ -80,9 +86,10 @@ class StepCall:
         Raises ArgumentError for wrong shapes, and for arrays other than JAX's for what `rollout` refuses.
         """
         emulator = self._emulator
-        if is_plain(state) and is_plain(control):
+        shapes = ((emulator.state.size,), (emulator.control.size,))
+        if is_plain(state) and is_plain(control) and (state.shape, control.shape) == shapes:
             program = program_of(emulator)
-            if program is not None and program.takes_step(state, control):
+            if program is not None:
                 following, is_sound = program.step(as_state(state), as_float32(control))
                 if is_sound:
                     return following
@@ -112,9 +119,10 @@ def run_rollout(
     emulator: SuperStep, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool
 ) -> Float[AnyArray, "*B F S"]:
     """Return `Emulator.rollout`."""
-    if is_plain(state) and is_plain(controls):
+    is_usual = is_plain(state) and is_plain(controls) and state.size > 0
+    if is_usual and _are_shapes(emulator, state.shape, controls.shape):
         program = program_of(emulator)
-        if program is not None and program.takes_rollout(state, controls):
+        if program is not None:
             trajectory, is_sound = program.rollout(as_state(state), as_float32(controls))
             if is_sound:
                 return trajectory
@@ -188,16 +196,22 @@ def run_rollout_trusted(
     batch = start.shape[:-1]
     starts = as_rows(start)
     rows = starts, held.reshape(len(starts), *held.shape[-2:])
-    program = program_of(emulator)
-    if program is None:
-        trajectories, scores = _by_jax(emulator, TRUSTED, *rows)
-    else:
-        trajectories, scores = program.rollouts_trusted(*rows)
+    trajectories, scores = _trusted(emulator, *rows)
     trajectory = trajectories.reshape(*batch, *trajectories.shape[1:])
     if not may_diverge:
         check_motion(trajectory, emulator.state)
     scores = scores.reshape(*batch, held.shape[-2])
     return trajectory, np.where(np.isfinite(scores), scores, np.inf)
+
+
+def _trusted(
+    emulator: SuperStep, starts: Float[np.ndarray, "B S"], controls: Float[np.ndarray, "B T C"]
+) -> tuple[Float[np.ndarray, "B T+1 S"], Float[np.ndarray, "B T"]]:
+    """Return (the trajectory from each of `starts`, the score of each super step) by the `backend`."""
+    program = program_of(emulator)
+    if program is None:
+        return _by_jax(emulator, TRUSTED, starts, controls)
+    return program.rollouts_trusted(starts, controls)
 
 
 def run_trust(
@@ -210,14 +224,9 @@ def run_trust(
         raise ArgumentError(
             f"state and control: wanted as many of one as of the other, got {states.shape} with {controls.shape}."
         )
-    held = as_rows(as_float32(controls))
-    program = program_of(emulator)
-    if program is None:
-        axes = emulator.origin.state
-        relative = as_float32(axes.moved(states, -axes.origin(states)))
-        scores = as_numpy(call_compiled(of_rows(trust), emulator, as_rows(relative), held))
-    else:
-        scores = program.trust(np.ascontiguousarray(as_rows(states)), held)
+    with too_large_is_infinite():
+        held = as_rows(controls).astype(_dtype(emulator))
+        _, scores = _trusted(emulator, np.ascontiguousarray(as_rows(states)), held[:, None])
     scores = scores.reshape(states.shape[:-1])
     is_number = (np.abs(states) <= MAX_MAGNITUDE).all(axis=-1)
     is_number &= np.isfinite(controls).all(axis=-1) & np.isfinite(scores)
@@ -245,14 +254,15 @@ def _is_any_jax(*arrays: ArrayLike) -> bool:
 
 def _check_shapes(emulator: SuperStep, state: tuple[int, ...], controls: tuple[int, ...]) -> None:
     """Refuse shapes that are not (S,) with (T, C), or (B, S) with (B, T, C)."""
-    sizes = (*state[-1:], *controls[-1:])
-    if (
-        len(state) not in (1, 2)
-        or len(controls) != len(state) + 1
-        or state[:-1] != controls[:-2]
-        or sizes != (emulator.state.size, emulator.control.size)
-    ):
+    if not _are_shapes(emulator, state, controls):
         raise ArgumentError(
             f"state and controls: wanted (S,) with (T, C) or (B, S) with (B, T, C), "
             f"got {state} with {controls}."
         )
+
+
+def _are_shapes(emulator: SuperStep, state: tuple[int, ...], controls: tuple[int, ...]) -> bool:
+    """Return whether the shapes are (S,) with (T, C), or (B, S) with (B, T, C)."""
+    sizes = (emulator.state.size, emulator.control.size)
+    are_one_or_many = len(state) in (1, 2) and len(controls) == len(state) + 1
+    return are_one_or_many and (state[-1], controls[-1]) == sizes and state[:-1] == controls[:-2]

@@ -142,8 +142,8 @@ def observe_row(
 
 def _step_samples(emulator: Emulator) -> list[Float[np.ndarray, "N _"]]:
     """Return a thousand latent states and controls: some far outside the training data."""
-    probes = probes_of(emulator)
-    return [emulator.encode(probes.states), probes.controls]
+    states, controls = probes_of(emulator).inputs
+    return [emulator.encode(states), controls]
 
 
 def _observer_samples(observer: Observer) -> list[Float[np.ndarray, "N _"]]:

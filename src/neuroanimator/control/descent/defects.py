@@ -160,8 +160,9 @@ class LinkReference:
     def of(cls, emulator: Emulator) -> LinkReference:
         """Return the reference of `emulator`, computed by JAX."""
         probes = probes_of(emulator)
-        latents = np.asarray(emulator.encode(probes.states), np.float32)
-        xs = np.concatenate([latents, probes.controls], axis=1)
+        states, controls = probes.inputs
+        latents = np.asarray(emulator.encode(states), np.float32)
+        xs = np.concatenate([latents, controls], axis=1)
         rng = np.random.default_rng(1)
         defect = 0.01 * rng.normal(size=_no_defect(emulator).shape).astype(np.float32)
         chosen = np.linspace(0, len(xs) - 1, CHECKED_GRADIENTS).astype(int)

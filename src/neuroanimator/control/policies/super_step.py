@@ -69,7 +69,7 @@ def facts_of_policy(policy: Policy) -> list[str]:
 def _samples(policy: Policy) -> list[Float[np.ndarray, "N _"]]:
     """Return a thousand bodies, clocks and targets: some far outside of training."""
     rng = np.random.default_rng(0)
-    states = probes_of(policy.emulator).states
+    states, _ = probes_of(policy.emulator).inputs
     count = len(states)
     directions = unit(rng.normal(size=(count, 3)))
     slowest, fastest = policy.ranges.low[0], policy.ranges.high[0]
