@@ -102,15 +102,6 @@ class ShapeModes(Encoding):
         return _latent_layout(self.count, self.muscles, self.cloud.parameters)
 
     @property
-    def mode_layout(self) -> Layout:
-        """Named parts of the latent part "modes" (K,)."""
-        odd_positions = self.odd_positions
-        odd_velocities = self.odd_velocities
-        even_positions = self.positions.shape[1] - odd_positions
-        even_velocities = self.velocities.shape[1] - odd_velocities
-        return _mode_layout(odd_positions, odd_velocities, even_positions, even_velocities)
-
-    @property
     def change_layout(self) -> Layout:
         """Named parts of a change of the latent state (V,), for `Frame.apply`."""
         return _change_layout(self.count)
@@ -190,11 +181,8 @@ class ShapeModes(Encoding):
         self, modes: Float[AnyArray, "*B K"]
     ) -> tuple[Float[AnyArray, "*B Q"], Float[AnyArray, "*B P"]]:
         """Return (amounts of the position modes, amounts of the velocity modes), odd ones first."""
-        xp = modes.__array_namespace__()
-        layout = self.mode_layout
-        positions = [layout.part(modes, "odd_positions"), layout.part(modes, "even_positions")]
-        velocities = [layout.part(modes, "odd_velocities"), layout.part(modes, "even_velocities")]
-        return xp.concat(positions, axis=-1), xp.concat(velocities, axis=-1)
+        is_position = self.is_position_mode()
+        return modes[..., np.flatnonzero(is_position)], modes[..., np.flatnonzero(~is_position)]
 
     def encode_recorded(self, states: Float[np.ndarray, "*B S"]) -> Float[np.ndarray, "*B I"]:
         # Block by block: in double precision a dataset would take many times its memory.
@@ -241,19 +229,19 @@ class ShapeModes(Encoding):
     ) -> tuple[Float[AnyArray, "*B"], ...]:
         """Return the squares (...) of the entries of `LIMITS`, in order; `modes` in standard deviations."""
         xp = modes.__array_namespace__()
-        size = modes**2
-        is_position = self.is_position_mode()
+        positions, velocities = self._amounts(modes)
         return (
-            xp.mean(size[..., np.flatnonzero(is_position)], axis=-1),
-            xp.mean(size[..., np.flatnonzero(~is_position)], axis=-1),
+            xp.mean(positions**2, axis=-1),
+            xp.mean(velocities**2, axis=-1),
             xp.sum(velocity**2, axis=-1),
             xp.sum(angular_velocity**2, axis=-1),
         )
 
     def is_position_mode(self) -> Bool[np.ndarray, " K"]:
         """Return a mask of the position modes, in the order of the latent state."""
-        sizes = [part.size for part in self.mode_layout.slices]
-        return np.repeat([True, False, True, False], sizes)
+        odd = (self.odd_positions, self.odd_velocities)
+        every = (self.positions.shape[1], self.velocities.shape[1])
+        return np.repeat([True, False, True, False], [*odd, *np.subtract(every, odd)])
 
     def structure(self, body: Structure) -> Structure:
         """Return the structure of the latent state that an emulator may exploit, given that of the body's state."""
@@ -380,20 +368,6 @@ def _latent_layout(modes: int, muscles: int, parameters: int) -> Layout:
             Slice("modes", modes, "1"),
             Slice("activations", muscles, "1"),
             Slice("parameters", parameters, "1"),
-        )
-    )
-
-
-@cache
-def _mode_layout(
-    odd_positions: int, odd_velocities: int, even_positions: int, even_velocities: int
-) -> Layout:
-    return Layout(
-        (
-            Slice("odd_positions", odd_positions, "m"),
-            Slice("odd_velocities", odd_velocities, "m/s"),
-            Slice("even_positions", even_positions, "m"),
-            Slice("even_velocities", even_velocities, "m/s"),
         )
     )
 
