@@ -55,9 +55,6 @@ CUBIC_VALUES = 3
 MAX_LENGTH_ERROR = 0.05
 """Maximum deviation of a quaternion's length from 1: files round."""
 
-SHORT_ARC = 0.9995
-"""Cosine of half the angle between quaternions above which a straight line is as good as the arc."""
-
 
 @dataclass(frozen=True, eq=False)
 class Track:
@@ -72,34 +69,28 @@ class Track:
 
     def at(self, times: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F W"]:
         """Return the values at `times` [s], constant before the first keyframe and after the last."""
-        place = np.searchsorted(self.times, times, side="right") - 1
-        first = np.clip(place, 0, max(len(self.times) - 2, 0))
-        second = np.minimum(first + 1, len(self.times) - 1)
-        span = self.times[second] - self.times[first]
-        since = np.clip(times - self.times[first], 0, span)
-        share = np.divide(since, span, out=np.zeros_like(since), where=span > 0)[:, None]
+        times = np.clip(times, self.times[0], self.times[-1])
+        before = np.searchsorted(self.times, times, side="right") - 1
         if self.interpolation == "STEP":
-            return self.values[np.clip(place, 0, len(self.times) - 1)]
-        if self.interpolation == "CUBICSPLINE":
-            values = self._cubic(first, second, share, span[:, None])
-        elif self.is_rotation:
-            return _along_arc(self.values[first], self.values[second], share)
-        else:
-            values = (1 - share) * self.values[first] + share * self.values[second]
-        if self.is_rotation:
-            values = values / np.linalg.norm(values, axis=1, keepdims=True)
-        return values
+            return self.values[before]
+        if self.interpolation == "LINEAR" and self.is_rotation:
+            from scipy.spatial.transform import Rotation, Slerp  # it takes long to import
 
-    def _cubic(
-        self, first: np.ndarray, second: np.ndarray, s: np.ndarray, span: np.ndarray
-    ) -> Float[np.ndarray, "F W"]:
-        """Return Hermite's cubics; see the glTF specification, appendix C."""
-        keys = self.values.reshape(len(self.times), CUBIC_VALUES, -1)
-        start = keys[first, 1]
-        end = keys[second, 1]
-        leaving = span * keys[first, 2]
-        coming = span * keys[second, 0]
-        return hermite_cubic(s, start, end, leaving, coming)
+            return Slerp(self.times, Rotation.from_quat(self.values))(times).as_quat()
+        first = np.minimum(before, len(self.times) - 2)
+        span = np.diff(self.times)[first, None]
+        share = (times - self.times[first])[:, None] / span
+        if self.interpolation == "LINEAR":
+            return (1 - share) * self.values[first] + share * self.values[first + 1]
+        # Hermite's cubics; see the glTF specification, appendix C.
+        coming, keys, leaving = np.moveaxis(
+            self.values.reshape(len(self.times), CUBIC_VALUES, -1), 1, 0
+        )
+        ends = (keys[first], keys[first + 1])
+        values = hermite_cubic(share, *ends, span * leaving[first], span * coming[first + 1])
+        if self.is_rotation:
+            values /= np.linalg.norm(values, axis=1, keepdims=True)
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,6 +237,8 @@ def _track(file: Glb, sampler: dict[str, Any], name: str, times: np.ndarray) -> 
         lengths = np.linalg.norm(values[rows // 2 :: rows], axis=1)
         if np.abs(lengths - 1).max() > MAX_LENGTH_ERROR:
             raise ValueError("rotation: a quaternion that is not of length 1")
+    if len(times) == 1:  # there is nothing to interpolate
+        return Track(times, values[rows // 2 :][:1], "STEP", is_rotation=False)
     return Track(times, values, interpolation, is_rotation=name == "rotation")
 
 
@@ -290,19 +283,3 @@ def _in_world(
 def _z_up(vectors: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 3"]:
     x, y, z = vectors.T
     return np.stack([x, -z, y], axis=1)
-
-
-def _along_arc(
-    before: Float[np.ndarray, "F 4"],
-    after: Float[np.ndarray, "F 4"],
-    share: Float[np.ndarray, "F 1"],
-) -> Float[np.ndarray, "F 4"]:
-    """Return quaternions at the given shares of the shorter arc from `before` to `after`."""
-    cosine = (before * after).sum(axis=1, keepdims=True)
-    after = np.where(cosine < 0, -after, after)
-    cosine = np.minimum(np.abs(cosine), 1)
-    angle = np.arccos(np.minimum(cosine, SHORT_ARC))
-    on_arc = (np.sin((1 - share) * angle) * before + np.sin(share * angle) * after) / np.sin(angle)
-    on_line = (1 - share) * before + share * after
-    turned = np.where(cosine < SHORT_ARC, on_arc, on_line)
-    return turned / np.linalg.norm(turned, axis=1, keepdims=True)

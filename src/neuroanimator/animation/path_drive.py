@@ -13,7 +13,6 @@ from neuroanimator.animation.motion import STEP_ROUNDING, Drive
 from neuroanimator.animation.recorded_path import RecordedPath, read_path
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.state.layout import Layout
 from neuroanimator.state.rotation import facing, rotate
 from neuroanimator.state.segments import Driven
 from neuroanimator.text import did_you_mean, listed, quoted
@@ -21,11 +20,8 @@ from neuroanimator.text import did_you_mean, listed, quoted
 AXES = "xyz"
 """Axes of a position."""
 
-HEADING = "_heading"
-"""Suffix of a turning mover's heading in the state."""
-
 TURNING = "_turning"
-"""Suffix of its turning rate in the control."""
+"""Suffix of a mover's turning rate in the control, if it turns."""
 
 SPEEDS = (0.01, 100.0)
 """Minimum and maximum playback speed of a path."""
@@ -51,10 +47,8 @@ class DrivenMover:
     """A thing that the controls move by its velocity, and by its turning rate if it turns."""
 
     name: str
-    entries: tuple[int, ...]
-    """State entries of its position [m], and of its heading [rad] if it turns."""
-    controls: tuple[int, ...]
-    """Entries of its velocity [m/s], and of its turning rate [rad/s] if it turns."""
+    entries: list[int]
+    """State entries of its position [m], and of its heading [rad] if it turns; the same entries of a control are their rates."""
 
     @property
     def turns(self) -> bool:
@@ -111,7 +105,7 @@ def path_drive(
         followers.append(follower)
     controls = np.repeat(emulator.bounds.idle[None], len(times) - 1, axis=0)
     for follower in followers:
-        controls[:, follower.mover.controls] = follower.rates(emulator.dt)
+        controls[:, follower.mover.entries] = follower.rates(emulator.dt)
     return Drive(_start(emulator, followers), controls, tuple(remarks))
 
 
@@ -120,22 +114,15 @@ def movers_of(emulator: Emulator) -> dict[str, DrivenMover]:
     if not any(isinstance(segment, Driven) for segment in emulator.frame.segments):
         return {}
     movers = {}
-    parts = {part.name: part for part in emulator.state.slices}
+    states = {part.name for part in emulator.state.slices}
+    controls = {part.name for part in emulator.control.slices}
     for part in emulator.control.slices:
-        if part.name not in parts or part.size != len(AXES):
-            continue
-        entries = _entries(emulator.state, part.name)
-        controls = _entries(emulator.control, part.name)
-        if f"{part.name}{HEADING}" in parts:
-            entries += _entries(emulator.state, f"{part.name}{HEADING}")
-            controls += _entries(emulator.control, f"{part.name}{TURNING}")
-        movers[part.name] = DrivenMover(part.name, entries, controls)
+        if part.name in states and part.size == len(AXES):
+            # Poses of movers come first in a state, as their rates do in a control.
+            first = emulator.control.index(part.name).start
+            count = len(AXES) + (f"{part.name}{TURNING}" in controls)
+            movers[part.name] = DrivenMover(part.name, list(range(first, first + count)))
     return movers
-
-
-def _entries(layout: Layout, name: str) -> tuple[int, ...]:
-    where = layout.index(name)
-    return tuple(range(where.start, where.stop))
 
 
 def _check_mover(emulator: Emulator, movers: Mapping[str, DrivenMover], name: str) -> None:
@@ -193,8 +180,8 @@ def _remarks_on_speed(
     """Return remarks on a path that is faster than training; BadFileError if it cannot be followed."""
     mover = follower.mover
     rates = follower.rates(emulator.dt)
-    low = np.array(emulator.bounds.low)[list(mover.controls)]
-    high = np.array(emulator.bounds.high)[list(mover.controls)]
+    low = np.array(emulator.bounds.low)[mover.entries]
+    high = np.array(emulator.bounds.high)[mover.entries]
     factors = np.maximum(rates / high, rates / low)
     step, axis = np.unravel_index(factors.argmax(), factors.shape)
     factor = float(factors[step, axis])
@@ -230,7 +217,7 @@ def _start(emulator: Emulator, followers: list[Follower]) -> Float[np.ndarray, "
         steps *= 2
     state = np.asarray(emulator.rollout(start, controls), float)[-1]
     for follower in followers:
-        state[list(follower.mover.entries)] = follower.poses[0]
+        state[follower.mover.entries] = follower.poses[0]
     return state
 
 
@@ -253,9 +240,9 @@ def _run_in(
     share = np.linspace(0, 1, steps + 1)[:, None]
     for follower in followers:
         rate = follower.rates(emulator.dt)[0]
-        way = follower.poses[0] - start[list(follower.mover.entries)]
+        way = follower.poses[0] - start[follower.mover.entries]
         poses = (3 * share**2 - 2 * share**3) * way + (share**3 - share**2) * duration * rate
-        controls[:, follower.mover.controls] = np.diff(poses, axis=0) / emulator.dt
+        controls[:, follower.mover.entries] = np.diff(poses, axis=0) / emulator.dt
     return start, controls
 
 
@@ -266,10 +253,10 @@ def _carry(
     pose: Float[np.ndarray, " D"],
 ) -> None:
     """Move the mover that holds the body to a pose in `state`, and everything else with it as one rigid piece."""
-    before = state[list(anchor.entries)]
+    before = state[anchor.entries]
     turned = float((pose - before)[len(AXES) :].sum())
     for mover in movers.values():
-        position = list(mover.entries[: len(AXES)])
+        position = mover.entries[: len(AXES)]
         away = state[position] - before[: len(AXES)]
         state[position] = pose[: len(AXES)] + rotate(facing(np.float64(turned)), away)
         if mover.turns:

@@ -182,37 +182,22 @@ def _straight_beyond(end: Float[np.ndarray, " D"], inner: Float[np.ndarray, " D"
 
 
 def _smooth(rows: Float[np.ndarray, "K D"], beyond: Beyond) -> Float[np.ndarray, "R D"]:
-    """Return rows on a centripetal Catmull-Rom curve through `rows`; `beyond` extends it at both ends."""
+    """Return rows on a centripetal Catmull-Rom curve through `rows`; `beyond` extends it at both ends.
+
+    It is the cubic with the slopes of Barry and Goldman's pyramid (1988).
+    """
+    from scipy.interpolate import CubicHermiteSpline  # it takes long to import
+
     before = beyond(rows[0], rows[1])
     after = beyond(rows[-1], rows[-2])
     knots = np.concatenate([[before], rows, [after]])
     distances = np.maximum(np.linalg.norm(np.diff(knots, axis=0), axis=1), TIP_SIZE)
     times = np.concatenate([[0.0], np.cumsum(np.sqrt(distances))])
-    pieces = []
-    for i in range(1, len(knots) - 2):
-        between = np.linspace(times[i], times[i + 1], RINGS_PER_SECTION, endpoint=False)
-        piece = _catmull_rom(knots[i - 1 : i + 3], times[i - 1 : i + 3], between[:, None])
-        pieces.append(piece)
-    return np.concatenate([*pieces, rows[-1:]])
-
-
-def _catmull_rom(
-    knots: Float[np.ndarray, "4 D"],
-    knot_times: Float[np.ndarray, " 4"],
-    times: Float[np.ndarray, "R 1"],
-) -> Float[np.ndarray, "R D"]:
-    """Return the curve between the middle two of four `knots` by Barry and Goldman's pyramid (1988)."""
-    level = list(knots)
-    for reach in (1, 2, 3):
-        following = []
-        for i in range(4 - reach):
-            first, last = knot_times[i], knot_times[i + reach]
-            if reach == 3:  # the top of the pyramid blends over the middle piece only
-                first, last = knot_times[1], knot_times[2]
-            blend = level[i] * (last - times) + level[i + 1] * (times - first)
-            following.append(blend / (last - first))
-        level = following
-    return level[0]
+    slopes = np.diff(knots, axis=0) / np.diff(times)[:, None]
+    over_two = (knots[2:] - knots[:-2]) / (times[2:] - times[:-2])[:, None]
+    curve = CubicHermiteSpline(times[1:-1], rows, slopes[:-1] + slopes[1:] - over_two)
+    between = np.linspace(times[1:-2], times[2:-1], RINGS_PER_SECTION, endpoint=False, axis=1)
+    return np.concatenate([curve(between.ravel()), rows[-1:]])
 
 
 def _lofted(rings: Float[np.ndarray, "K R 3"]) -> Surface:

@@ -22,6 +22,7 @@ from neuroanimator.codegen.build import (
     build_library,
     compiler_version,
 )
+from neuroanimator.codegen.cores import processor_facts
 from neuroanimator.codegen.zig import zig_cc
 from neuroanimator.files.private_folder import private_folders
 from neuroanimator.files.unfinished import replace_whole
@@ -85,7 +86,8 @@ def compiler_facts() -> str | None:
     except NoCompilerError as error:
         _give_up(compiler, error)
         return None
-    return "\n".join([compiler, version, _processor()])
+    processor = processor_facts("flags", "Features")  # -march=native depends on them
+    return "\n".join([compiler, version, platform.machine(), *processor])
 
 
 def find_compiler() -> str | None:
@@ -181,14 +183,3 @@ def _make(text: str, command: list[str], flag_sets: FlagSets, folder: Path, key:
 
 def _path(folder: Path, key: str, content: bytes) -> Path:
     return folder / f"{key}-{hashlib.sha256(content).hexdigest()}.so"
-
-
-def _processor() -> str:
-    """Return what -march=native depends on, as far as it is known."""
-    about = Path("/proc/cpuinfo")
-    if not about.exists():
-        return platform.machine()
-    for line in about.read_text(errors="replace").splitlines():
-        if line.startswith(("flags", "Features")):
-            return platform.machine() + line
-    return platform.machine()

@@ -1,4 +1,4 @@
-"""Number of processor cores this process may use, and work on many rows spread over them."""
+"""The processor: what it is, how many of its cores this process may use, and work on many rows spread over them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from pathlib import Path
 from typing import TypeVar
 
 Made = TypeVar("Made")
@@ -25,6 +26,18 @@ def core_count() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def processor_facts(*names: str) -> list[str]:
+    """Return the first line that the system tells of its processors under each of `names`; none where it tells none."""
+    path = Path("/proc/cpuinfo")
+    lines: list[str] = []
+    if path.exists():
+        lines = path.read_text(errors="replace").splitlines()
+    facts = []
+    for name in names:
+        facts += [line for line in lines if line.startswith(name)][:1]
+    return facts
 
 
 def in_parts(work: Callable[[slice], Made], count: int, *, smallest: int) -> list[Made]:

@@ -21,6 +21,7 @@ from typing import Any
 
 import jax
 
+from neuroanimator.codegen.cores import processor_facts
 from neuroanimator.files.private_folder import kept_folder
 
 SWITCH = "NEUROANIMATOR_CACHE"
@@ -94,12 +95,7 @@ def _machine() -> str:
         version("jax"),
         version("jaxlib"),
     ]
-    about = Path("/proc/cpuinfo")
-    lines: list[str] = []
-    if about.exists():
-        lines = about.read_text().splitlines()
-    for key in ("model name", "flags", "Features", "CPU part"):
-        facts += [line for line in lines if line.startswith(key)][:1]
+    facts += processor_facts("model name", "flags", "Features", "CPU part")
     return hashlib.sha256("\n".join(facts).encode()).hexdigest()[:16]
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,15 +26,21 @@ from neuroanimator.scaffold.soft import propose_soft
 from neuroanimator.systems.trusted_files import trust_file
 from neuroanimator.text import listed, quoted
 
-PROPOSERS = {
-    ".py": propose_function,
-    ".csv": propose_recording,
-    ".npz": propose_recording,
+KINDS = {
+    ".py": "step function",
+    ".csv": "recording",
+    ".npz": "recording",
+    ".obj": "mesh",
+    SOLID_ENDING: "mesh",
 }
-"""Functions that propose a definition for step functions and recordings, by suffix."""
+"""Kinds of files other than MuJoCo's models, by suffix."""
 
-MESHES = (".obj", SOLID_ENDING)
-"""Suffixes of meshes."""
+OPTIONS = {
+    "MuJoCo model": ("keyframe", "base", "passive", "tree"),
+    "mesh": ("unit", "up", "keep"),
+    "recording": ("resample", "velocities"),
+}
+"""Options of a kind of file alone."""
 
 
 def write_definition(
@@ -80,16 +84,15 @@ def write_definition(
         raise ArgumentError(
             f"{path} exists, and may hold your edits. --force overwrites it; --out names another."
         )
+    kind = KINDS.get(source.suffix, "MuJoCo model")
     reading = {"unit": unit, "up": up, "keep": keep}
-    preparation = {"resample": resample, "velocities": velocities}
-    propose_file = _proposer(source, reading, preparation)
+    options = reading | {"resample": resample, "velocities": velocities, "keyframe": keyframe}
+    options |= {"base": base != "fixed", "passive": passive, "tree": tree is not None}
+    _refuse_others(source.name, kind, [name for name, value in options.items() if value])
     changes: dict[str, Any] = {"name": name} if name else {}
     if task is not None:
         changes["task"] = task
-    if propose_file is not None:
-        has_model_options = keyframe or base != "fixed" or passive or tree is not None
-        proposal = _propose_without_model(source, path, bool(has_model_options), propose_file)
-    else:
+    if kind == "MuJoCo model":
         proposal = propose(
             source,
             keyframe=keyframe,
@@ -102,6 +105,20 @@ def write_definition(
         changes["model"] = _seen_from(path, source)
         if tree is not None:
             changes["tree"] = _seen_from(path, tree.resolve())
+    elif path.parent.resolve() != source.parent.resolve():
+        raise ArgumentError(
+            f"{path}: the TOML file must be beside {source.name}, in {source.parent or '.'}."
+        )
+    elif kind == "mesh":
+        given = {key: value for key, value in reading.items() if value}
+        proposal = propose_soft(source, check_table(given, source.name, MeshReading))
+    else:
+        # Proposing a step function's definition runs the file: the user asks for both.
+        trust_file(source)
+        if kind == "recording":
+            proposal = propose_recording(source, resample=resample, velocities=velocities)
+        else:
+            proposal = propose_function(source)
     proposal = replace(proposal, definition=proposal.definition.model_copy(update=changes))
     write_whole(path, as_toml(proposal).encode())
     return path, proposal
@@ -133,48 +150,12 @@ def _seen_from(toml: Path, path: Path) -> str:
     return place.as_posix()
 
 
-def _proposer(
-    source: Path, reading: dict[str, str], preparation: dict[str, bool]
-) -> Callable[[Path], Proposal] | None:
-    """Return what proposes a definition for anything but a model, with the options of its kind; None for a model."""
-    given = {key: value for key, value in reading.items() if value}
-    propose_file = PROPOSERS.get(source.suffix)
-    if given and source.suffix not in MESHES:
-        raise ArgumentError(
-            f"{source.name} is no mesh of a cloth (.obj) or a solid (.msh). Leave {listed(f'--{key}' for key in given)} out."
-        )
-    if any(preparation.values()) and propose_file is not propose_recording:
-        raise ArgumentError(
-            f"{source}: --resample and --velocities are for recordings. Leave them out."
-        )
-    if source.suffix in MESHES:
-        checked = check_table(given, source.name, MeshReading)
-        return lambda mesh: propose_soft(mesh, checked)
-    if propose_file is propose_recording:
-        return partial(propose_recording, **preparation)
-    return propose_file
-
-
-def _propose_without_model(
-    source: Path,
-    path: Path,
-    has_model_options: bool,
-    propose_file: Callable[[Path], Proposal],
-) -> Proposal:
-    """Return the proposal for a step function, recordings or a mesh, by the suffix of the file."""
-    if path.parent.resolve() != source.parent.resolve():
-        raise ArgumentError(
-            f"{path}: the TOML file must be beside {source.name}, in {source.parent or '.'}."
-        )
-    if has_model_options:
-        raise ArgumentError(
-            f"{source.name} is no MuJoCo model, so it has neither keyframes, base, joints nor meshes. Leave --keyframe, "
-            "--base, --passive and --tree out."
-        )
-    if source.suffix not in MESHES:
-        # Proposing a step function's definition runs the file: the user asks for both.
-        trust_file(source)
-    return propose_file(source)
+def _refuse_others(file: str, kind: str, given: list[str]) -> None:
+    """Raise ArgumentError if an option of another kind of file is `given`."""
+    for other, names in OPTIONS.items():
+        wrong = [f"--{name}" for name in names if name in given]
+        if wrong and other != kind:
+            raise ArgumentError(f"{file}: {listed(wrong)} are for {other}s. Leave them out.")
 
 
 def _copy_from_gymnasium(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import platform
 from importlib.metadata import version
-from pathlib import Path
+
+from neuroanimator.codegen.cores import processor_facts
 
 PACKAGES = ("jax", "mujoco", "numpy")
 """Packages whose versions are written with every table."""
@@ -20,9 +21,5 @@ def describe_machine() -> str:
 
 
 def _processor() -> str:
-    path = Path("/proc/cpuinfo")
-    if path.exists():
-        for line in path.read_text(errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.machine()
+    named = processor_facts("model name")
+    return named[0].partition(":")[2].strip() if named else platform.machine()
