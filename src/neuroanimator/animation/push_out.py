@@ -130,16 +130,12 @@ def _shapes_of(
     """Return shapes of root mean square 1 per node, and their amplitudes in each row, equal to `pushes` to `TOLERANCE`."""
     count = pushes.shape[1]
     rows = pushes.reshape(len(pushes), -1)
-    squares, left = np.linalg.eigh(rows @ rows.T)
-    order = np.flatnonzero(squares > 0)[::-1]
-    sizes = np.sqrt(squares[order])
-    left = left[:, order]
-    modes = left.T @ rows / sizes[:, None]
+    left, sizes, modes = np.linalg.svd(rows, full_matrices=False)
     weights = left * sizes
-    enough = min(FIRST_COUNT, len(order))
-    while enough < len(order):
+    enough = min(FIRST_COUNT, len(sizes))
+    while enough < len(sizes):
         missing = rows - weights[:, :enough] @ modes[:enough]
         if np.linalg.norm(missing.reshape(pushes.shape), axis=2).max() <= TOLERANCE:
             break
-        enough = min(2 * enough, len(order))
+        enough = min(2 * enough, len(sizes))
     return modes[:enough] * np.sqrt(count), weights[:, :enough] / np.sqrt(count)

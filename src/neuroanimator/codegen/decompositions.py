@@ -14,7 +14,12 @@ import jax.extend.core as jaxprs
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from neuroanimator.codegen.trace import LOOPS_AND_BRANCHES, UnsupportedError, nested_jaxpr
+from neuroanimator.codegen.trace import (
+    LOOPS_AND_BRANCHES,
+    UnsupportedError,
+    evaluated,
+    nested_jaxpr,
+)
 
 SQUARINGS = 16
 """Number of times a matrix is squared: enough to separate eigenvalues one part in 10,000 apart."""
@@ -39,7 +44,7 @@ def without_decompositions(function: Callable[..., Any]) -> Callable[..., Any]:
     def written_out(*arguments: Any) -> Any:
         closed, shape = jax.make_jaxpr(function, return_shape=True)(*arguments)
         leaves = jax.tree.leaves(arguments)
-        outputs = _evaluated(closed.jaxpr, closed.consts, leaves)
+        outputs = _written_out(closed, leaves)
         return jax.tree.unflatten(jax.tree.structure(shape), outputs)
 
     return written_out
@@ -78,20 +83,9 @@ def solve_three(matrix: Float[Array, "3 3"], right: Float[Array, " 3"]) -> Float
     return jnp.stack(products) / determinant
 
 
-def _evaluated(jaxpr: jaxprs.Jaxpr, constants: list[Any], arguments: list[Any]) -> list[Any]:
-    """Return the outputs of `jaxpr`, whose decompositions are written out."""
-    values: dict[jaxprs.Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
-    values |= dict(zip(jaxpr.invars, arguments, strict=True))
-
-    def read(atom: Any) -> Any:
-        if isinstance(atom, jaxprs.Literal):
-            return atom.val
-        return values[atom]
-
-    for eqn in jaxpr.eqns:
-        results = _equation(eqn, [read(atom) for atom in eqn.invars])
-        values.update(zip(eqn.outvars, results, strict=True))
-    return [read(atom) for atom in jaxpr.outvars]
+def _written_out(closed: jaxprs.ClosedJaxpr, inputs: list[Any]) -> list[Any]:
+    """Return the outputs of `closed`, whose decompositions are written out."""
+    return evaluated(closed.jaxpr, [*closed.consts, *inputs], lambda value: value, _equation)
 
 
 def _equation(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
@@ -106,7 +100,7 @@ def _equation(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
         raise UnsupportedError(f"{name} of factors of a matrix")
     inner = nested_jaxpr(eqn)
     if isinstance(inner, jaxprs.ClosedJaxpr) and name not in LOOPS_AND_BRANCHES:
-        return _evaluated(inner.jaxpr, inner.consts, inputs)
+        return _written_out(inner, inputs)
     results = eqn.primitive.bind(*inputs, **eqn.params)
     if eqn.primitive.multiple_results:
         return list(results)
@@ -130,6 +124,6 @@ def _solution(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> Any:
     columns = []
     for unit in jnp.eye(SOLVED, dtype=right.dtype):
         arguments = [*inputs[:count], unit.reshape(right.shape)]
-        (column,) = _evaluated(matvec.jaxpr, matvec.consts, arguments)
+        (column,) = _written_out(matvec, arguments)
         columns.append(column.ravel())
     return solve_three(jnp.stack(columns, axis=1), right.ravel()).reshape(right.shape)

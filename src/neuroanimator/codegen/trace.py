@@ -99,6 +99,26 @@ def constant_array(constant: Any) -> np.ndarray:
     return np.asarray(constant)
 
 
+def evaluated(
+    jaxpr: jaxprs.Jaxpr,
+    inputs: list[Any],
+    literal: Callable[[Any], Any],
+    apply: Callable[[jaxprs.JaxprEqn, list[Any]], list[Any]],
+) -> list[Any]:
+    """Return the outputs of `jaxpr` for its constants and `inputs`, whose operations `apply` does on values of any kind."""
+    values: dict[jaxprs.Var, Any] = dict(
+        zip([*jaxpr.constvars, *jaxpr.invars], inputs, strict=True)
+    )
+
+    def read(atom: Any) -> Any:
+        return literal(atom.val) if isinstance(atom, jaxprs.Literal) else values[atom]
+
+    for eqn in jaxpr.eqns:
+        results = apply(eqn, [read(atom) for atom in eqn.invars])
+        values.update(zip(eqn.outvars, results, strict=True))
+    return [read(atom) for atom in jaxpr.outvars]
+
+
 @dataclass(frozen=True)
 class _Known:
     """A value that is known before the program runs."""
@@ -106,6 +126,11 @@ class _Known:
     numbers: np.ndarray
     is_literal: bool
     """Whether it follows from the definition alone, whatever the weights."""
+
+    @classmethod
+    def literal(cls, value: Any) -> _Known:
+        """Return a number of the definition."""
+        return cls(np.asarray(value), True)
 
 
 class _Tracer:
@@ -134,19 +159,7 @@ class _Tracer:
 
     def _jaxpr(self, jaxpr: jaxprs.Jaxpr, constants: list[Any], inputs: list[Any]) -> list[Any]:
         """Return the outputs; values are Addresses or _Known."""
-        known: dict[jaxprs.Var, Any] = dict(zip(jaxpr.constvars, constants, strict=True))
-        known |= dict(zip(jaxpr.invars, inputs, strict=True))
-
-        def read(atom: Any) -> Any:
-            if isinstance(atom, jaxprs.Literal):
-                return _Known(np.asarray(atom.val), True)
-            return known[atom]
-
-        for eqn in jaxpr.eqns:
-            operands = [read(atom) for atom in eqn.invars]
-            results = self._equation(eqn, operands)
-            known.update(zip(eqn.outvars, results, strict=True))
-        return [read(atom) for atom in jaxpr.outvars]
+        return evaluated(jaxpr, [*constants, *inputs], _Known.literal, self._equation)
 
     def _equation(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
         name = eqn.primitive.name
