@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -87,18 +87,26 @@ APART = 9
 
 
 class Loop(NamedTuple):
-    """`repeats` runs of `length` equal statements."""
+    """A run of `length` equal statements."""
 
     first: tuple[int, ...]
     """Address of each column at the first statement."""
-    strides: tuple[int, ...]
-    """Step of each column from run to run."""
     steps: tuple[int, ...]
-    """Step of each column within a run: 0 or 1."""
-    repeats: int
+    """Step of each column within the run: 0 or 1."""
     length: int
     outer: tuple[int, ...] = ()
     """Step of each column at every repetition of the loop's group; empty for a loop outside of groups."""
+
+    def unrolled(self) -> list[Loop]:
+        """Return loops of one statement each."""
+        loops = []
+        for number in range(self.length):
+            steps = [
+                _upwards(first) * step for first, step in zip(self.first, self.steps, strict=True)
+            ]
+            first = tuple(np.add(self.first, np.multiply(number, steps)).tolist())
+            loops.append(Loop(first, (0,) * len(first), 1))
+        return loops
 
 
 class Group(NamedTuple):
@@ -164,13 +172,13 @@ class Writer:
     def stored(self, source: Addresses, name: str, *, is_wide: bool) -> Iterator[str]:
         """Yield statements that copy `source` (N,) to the array `name`, which has lanes if it `is_wide`."""
         target = np.arange(len(source)) + OUTSIDE * SPACE
-        for loop in self._loops([source, target]):
-            text = self._term(loop, 0)
+
+        def store(loop: Loop) -> str:
             index = _index(loop, 1)
-            if is_wide:
-                yield self._looped(loop, f"{name}[LANES * ({index}) + l] = {text};", is_wide=True)
-            else:
-                yield self._looped(loop, f"{name}[{index}] = {text};", is_wide=False)
+            entry = f"LANES * ({index}) + l" if is_wide else index
+            return f"{name}[{entry}] = {self._term(loop, 0)};"
+
+        return self._statements([source, target], store, is_wide=is_wide)
 
     def loaded(self, name: str, target: Addresses) -> Iterator[str]:
         """Yield statements that copy the array `name`, which has lanes if `target` has, to `target` (N,)."""
@@ -187,14 +195,21 @@ class Writer:
     def _elementwise(
         self, formula: str, inputs: Sequence[Addresses], output: Addresses
     ) -> Iterator[str]:
-        """Yield loops over the runs in which the addresses of each input (N,) are consecutive, or the same."""
-        is_wide = is_any_wide(output)
-        for group in self._groups(list(self._loops([*inputs, output]))):
-            statements = []
-            for loop in group.loops:
-                terms = [self._term(loop, column) for column in range(len(inputs))]
-                statement = f"{self._term(loop, len(inputs))} = {formula.format(*terms)};"
-                statements.append(self._looped(loop, statement, is_wide=is_wide))
+        """Yield statements that compute each entry of `output` (N,) from those of each input (N,)."""
+
+        def compute(loop: Loop) -> str:
+            terms = [self._term(loop, column) for column in range(len(inputs))]
+            return f"{self._term(loop, len(inputs))} = {formula.format(*terms)};"
+
+        return self._statements([*inputs, output], compute, is_wide=is_any_wide(output))
+
+    def _statements(
+        self, columns: Sequence[Addresses], write: Callable[[Loop], str], *, is_wide: bool
+    ) -> Iterator[str]:
+        """Yield the statements that `write` writes, in loops over runs in which the addresses of each column are consecutive,
+        or the same."""
+        for group in self._groups(list(self._loops(columns))):
+            statements = [_looped(loop, write(loop), is_wide=is_wide) for loop in group.loops]
             if group.repeats == 1:
                 yield from statements
             else:
@@ -204,16 +219,18 @@ class Writer:
         """Yield `loops` in order, repeating sequences as one group."""
         number = 0
         while number < len(loops):
-            period = 1
-            repeats = 1
-            if len(loops) >= MANY_LOOPS:
-                counts = {
-                    size: self._repeats(loops, number, size) for size in range(1, MAX_GROUP + 1)
-                }
-                period = max(counts, key=lambda size: size * counts[size])
-                repeats = counts[period]
+            sizes = range(1, MAX_GROUP + 1 if len(loops) >= MANY_LOOPS else 2)
+            left = len(loops) - number
+            counts: dict[int, int] = {}
+            for size in sizes:
+                counts[size] = self._repeats(loops, number, size)
+                if size * (counts[size] + 1) > left:
+                    break  # nothing is left for a longer sequence to be better
+            period = max(counts, key=lambda size: size * counts[size])
+            repeats = counts[period]
             if repeats < WORTH_A_LOOP:
-                yield Group([loops[number]], 1)
+                loop = loops[number]
+                yield Group(loop.unrolled() if loop.length <= FEW else [loop], 1)
                 number += 1
                 continue
             group = []
@@ -242,7 +259,7 @@ class Writer:
         literals = self.program.constants.literals
         steps = []
         for before, now in zip(loop.first, other.first, strict=True):
-            step = _ahead(now) - _ahead(before)
+            step = _upwards(now) * now - _upwards(before) * before
             if before // SPACE != now // SPACE or (
                 step and (before in literals or now in literals)
             ):
@@ -250,85 +267,18 @@ class Writer:
             steps.append(step)
         return tuple(steps)
 
-    def _looped(self, loop: Loop, statement: str, *, is_wide: bool) -> str:
-        """Return `statement` within the loops it needs."""
-        loops = ""
-        if loop.repeats > 1:
-            loops += f"for (int j = 0; j < {loop.repeats}; j++) "
-        if loop.length > 1:
-            loops += f"for (int i = 0; i < {loop.length}; i++) "
-        if is_wide:
-            loops += EACH_LANE
-        return loops + statement
-
     def _loops(self, columns: Sequence[Addresses]) -> Iterator[Loop]:
-        """Yield the statements over `columns` (N,), merged into loops where they are alike."""
+        """Yield the statements over `columns` (N,), merged into loops where they are consecutive."""
         if not len(columns[0]):
             return
         for column in columns:
             self.program.constants.mark_read(column)
-        runs = list(self._runs(columns))
-        number = 0
-        while number < len(runs):
-            first, last = runs[number]
-            length = last - first
-            repeats = 1
-            strides = np.zeros(len(columns), int)
-            if number + 1 < len(runs) and runs[number + 1][1] - runs[number + 1][0] == length:
-                strides = self._strides(columns, first, last)
-                while self._goes_on(columns, runs, number, repeats, strides):
-                    repeats += 1
-            if repeats < WORTH_A_LOOP:
-                repeats = 1
-            steps = self._inner_steps(columns, first, length)
+        for first, last in self._runs(columns):
             starts = tuple(int(column[first]) for column in columns)
-            if repeats == 1 and 1 < length <= FEW:
-                for position in range(first, last):
-                    starts = tuple(int(column[position]) for column in columns)
-                    nothing = (0,) * len(columns)
-                    yield Loop(starts, nothing, nothing, 1, 1)
-            else:
-                yield Loop(starts, tuple(map(int, strides)), steps, repeats, length)
-            number += repeats
-
-    def _strides(self, columns: Sequence[Addresses], first: int, following: int) -> np.ndarray:
-        return np.array([_ahead(column[following]) - _ahead(column[first]) for column in columns])
-
-    def _goes_on(
-        self,
-        columns: Sequence[Addresses],
-        runs: list[tuple[int, int]],
-        number: int,
-        repeats: int,
-        strides: np.ndarray,
-    ) -> bool:
-        """Return whether the run after the `repeats` runs from `number` on continues them, `strides` further."""
-        if number + repeats >= len(runs):
-            return False
-        first, last = runs[number]
-        before, _ = runs[number + repeats - 1]
-        now, end = runs[number + repeats]
-        if end - now != last - first:
-            return False
-        for column, stride in zip(columns, strides, strict=True):
-            if int(column[now]) // SPACE != int(column[before]) // SPACE:
-                return False
-            if _ahead(column[now]) - _ahead(column[before]) != stride:
-                return False
-            if stride and int(column[now]) in self.program.constants.literals:
-                return False
-            if stride and int(column[before]) in self.program.constants.literals:
-                return False
-        return self._inner_steps(columns, now, last - first) == self._inner_steps(
-            columns, first, last - first
-        )
-
-    def _inner_steps(
-        self, columns: Sequence[Addresses], first: int, length: int
-    ) -> tuple[int, ...]:
-        if length == 1:
-            return (0,) * len(columns)
-        return tuple(abs(int(column[first + 1]) - int(column[first])) for column in columns)
+            steps = (0,) * len(columns)
+            if last - first > 1:
+                steps = tuple(abs(int(column[first + 1] - column[first])) for column in columns)
+            yield Loop(starts, steps, last - first)
 
     def _runs(self, columns: Sequence[Addresses]) -> Iterator[tuple[int, int]]:
         """Yield (first, last) of the longest runs in which the step of every column is constant."""
@@ -398,18 +348,19 @@ class Writer:
     ) -> Iterator[str]:
         """Yield statements that reduce one row, the vectors `row` (R,), to the entry `target`."""
         neutral, formula = rule
-        where = Loop((target,), (0,), (0,), 1, 1)
-        place = self._term(where, 0)
+        place = self._term(Loop((target,), (0,), 1), 0)
         is_wide = is_any_wide(np.array([target]))
         if is_wide:
             yield f"{EACH_LANE}{place} = {neutral};"
         else:
             yield f"{{ float s = {neutral};"
         so_far = place if is_wide else "s"
-        for loop in self._loops(row):
+
+        def add(loop: Loop) -> str:
             terms = [self._term(loop, column) for column in range(len(row))]
-            statement = f"{so_far} = {formula.format(*terms, s=so_far)};"
-            yield self._looped(loop, statement, is_wide=is_wide)
+            return f"{so_far} = {formula.format(*terms, s=so_far)};"
+
+        yield from self._statements(row, add, is_wide=is_wide)
         if not is_wide:
             yield f"{place} = s; }}"
 
@@ -419,14 +370,20 @@ class Writer:
         size = len(matrix)
         outputs = operation.output.ravel()
         within = np.arange(len(outputs)) + OUTSIDE * SPACE
-        statements = [f"float a[{size * size}], q[{size * (size + 1)}];"]
-        for loop in self._loops([matrix.ravel(), within[: matrix.size]]):
-            load = f"a[{_index(loop, 1)}] = {self._term(loop, 0)};"
-            statements.append(self._looped(loop, load, is_wide=False))
-        statements.append(f"na_eigh({size}, a, q, q + {size * size});")
-        for loop in self._loops([outputs, within]):
-            store = f"{self._term(loop, 0)} = q[{_index(loop, 1)}];"
-            statements.append(self._looped(loop, store, is_wide=False))
+
+        def load(loop: Loop) -> str:
+            return f"a[{_index(loop, 1)}] = {self._term(loop, 0)};"
+
+        def store(loop: Loop) -> str:
+            return f"{self._term(loop, 0)} = q[{_index(loop, 1)}];"
+
+        columns = [matrix.ravel(), within[: matrix.size]]
+        statements = [
+            f"float a[{size * size}], q[{size * (size + 1)}];",
+            *self._statements(columns, load, is_wide=False),
+            f"na_eigh({size}, a, q, q + {size * size});",
+            *self._statements([outputs, within], store, is_wide=False),
+        ]
         each_lane = EACH_LANE if is_any_wide(outputs) else ""
         yield f"{each_lane}{{ {' '.join(statements)} }}"
 
@@ -478,8 +435,9 @@ class Writer:
             yield from self._summed(int(vector[0]), panel, int(total[0]) + panel.first)
         for last in tail:
             # The last few columns are summed one by one: they would leave most of a register empty.
-            column = self._laid_out(weights[:, last])
-            yield from self._dot(vector, column, int(total[last]))
+            column = -int(self._laid_out(weights[:, last])[0]) - 1
+            x = f"{_name(int(vector[0]))}]"
+            yield f"{_name(int(total[last]))}] = na_dot({len(vector)}, &{x}, k + {column});"
         if total is not sums:
             yield from self.copied(total, sums)
 
@@ -508,20 +466,6 @@ class Writer:
         addresses = self.program.constants.add(weights)
         self.program.constants.mark_read(addresses)
         return addresses
-
-    def _dot(self, vector: Addresses, column: Addresses, target: int) -> Iterator[str]:
-        """Yield the dot product of a vector (K,) and constants (K,), in sixteen parallel sums."""
-        count = len(vector)
-        x = _name(int(vector[0]))
-        c = f"k[{-int(column[0]) - 1}"
-        whole = count - count % WIDTH
-        yield "{ float s[LANES] = {0}, sum = 0.0f;"
-        if whole:
-            yield f"for (int q = 0; q < {whole}; q += LANES) for (int l = 0; l < LANES; l++) s[l] += {x} + q + l] * {c} + q + l];"
-        if count > whole:
-            yield f"for (int l = 0; l < {count - whole}; l++) s[l] += {x} + {whole} + l] * {c} + {whole} + l];"
-        yield "for (int l = 0; l < LANES; l++) sum += s[l];"
-        yield f"{_name(target)}] = sum; }}"
 
     def _summed(self, vector: int, panel: Panel, total: int) -> Iterator[str]:
         """Yield a pass over a panel, whose sums fit in registers; in parallel parts if there is room."""
@@ -652,9 +596,17 @@ def _is_a_run(addresses: Addresses) -> bool:
     return bool(addresses[0] >= 0 and (np.diff(addresses) == 1).all())
 
 
-def _ahead(address: int | np.integer) -> int:
-    """Return an address counted upwards: addresses of constants count downwards."""
-    return -int(address) if address < 0 else int(address)
+def _upwards(address: int) -> int:
+    """Return the sign with which an address counts upwards: addresses of constants count downwards."""
+    return -1 if address < 0 else 1
+
+
+def _looped(loop: Loop, statement: str, *, is_wide: bool) -> str:
+    """Return `statement` within the loops it needs."""
+    lanes = EACH_LANE if is_wide else ""
+    if loop.length == 1:
+        return lanes + statement
+    return f"for (int i = 0; i < {loop.length}; i++) {lanes}{statement}"
 
 
 def _name(address: int) -> str:
@@ -671,9 +623,6 @@ def _index(loop: Loop, column: int) -> str:
     """Return the index of a column in the loop."""
     address = loop.first[column]
     text = str(-address - 1 if address < 0 else address % SPACE)
-    stride = loop.strides[column]
-    if loop.repeats > 1 and stride:
-        text += f" + {stride} * j"
     if loop.length > 1 and loop.steps[column]:
         text += " + i"
     if loop.outer and loop.outer[column]:

@@ -5,9 +5,9 @@ This keeps the working set of a super step in the first-level cache, also with s
 
 from __future__ import annotations
 
-import heapq
+from bisect import insort
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -79,46 +79,21 @@ def _lives(
 
 def _places(lives: _Lives, lengths: np.ndarray) -> tuple[np.ndarray, int]:
     """Return where each value begins, in the lowest gap that is free during its life, and the total size."""
-    room = _Room()
     places = np.zeros(len(lengths), int)
-    ends: list[tuple[int, int]] = []
-    for value in np.argsort(lives.first, kind="stable"):
-        if lives.first[value] == ALWAYS:
+    size = 0
+    living: list[tuple[int, int, int]] = []  # begin, end and last reader of each value, in order
+    for value in np.argsort(lives.first, kind="stable").tolist():
+        first = int(lives.first[value])
+        if first == ALWAYS:
             break  # nothing writes it
-        while ends and ends[0][0] < lives.first[value]:
-            _, ended = heapq.heappop(ends)
-            room.release(int(places[ended]), int(lengths[ended]))
-        places[value] = room.take(int(lengths[value]))
-        heapq.heappush(ends, (int(lives.last[value]), int(value)))
-    return places, room.size
-
-
-@dataclass
-class _Room:
-    """An allocator of stretches of memory."""
-
-    size: int = 0
-    _free: list[tuple[int, int]] = field(default_factory=list)
-    """(Begin, length) of each gap, in order."""
-
-    def take(self, length: int) -> int:
-        """Return the beginning of `length` free floats, which are now taken."""
-        for number, (first, free) in enumerate(self._free):
-            if free >= length:
-                rest = [(first + length, free - length)] if free > length else []
-                self._free[number : number + 1] = rest
-                return first
-        first = self.size
-        self.size += length
-        return first
-
-    def release(self, first: int, length: int) -> None:
-        """Release a stretch; adjacent gaps are merged."""
-        gaps = sorted([*self._free, (first, length)])
-        self._free = gaps[:1]
-        for begin, free in gaps[1:]:
-            before, so_far = self._free[-1]
-            if before + so_far == begin:
-                self._free[-1] = (before, so_far + free)
-            else:
-                self._free.append((begin, free))
+        living = [one for one in living if one[2] >= first]
+        length = int(lengths[value])
+        place = 0
+        for begin, end, _ in living:
+            if begin - place >= length:
+                break
+            place = end
+        insort(living, (place, place + length, int(lives.last[value])))
+        places[value] = place
+        size = max(size, place + length)
+    return places, size

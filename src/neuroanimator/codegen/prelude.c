@@ -89,6 +89,17 @@ static inline void na_lane_products(long columns, long count, long stride, const
     }
 }
 
+/* The dot product of two vectors (count,), in LANES sums side by side. */
+static inline float na_dot(long count, const float *x, const float *weights) {
+    float sums[LANES] = {0}, sum = 0.0f;
+    long q = 0;
+    for (; q + LANES <= count; q += LANES)
+        for (long l = 0; l < LANES; l++) sums[l] += x[q + l] * weights[q + l];
+    for (long l = 0; l < count - q; l++) sums[l] += x[q + l] * weights[q + l];
+    for (int l = 0; l < LANES; l++) sum += sums[l];
+    return sum;
+}
+
 static inline float na_from_bits(int bits) {
     float number;
     memcpy(&number, &bits, sizeof number);
