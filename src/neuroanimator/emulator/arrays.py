@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, is_dataclass
 from typing import Any, TypeGuard
 
 import jax
@@ -49,6 +50,18 @@ def state_type(state: ArrayLike) -> type[np.floating[Any]]:
 def zeros(*shape: int) -> Float[np.ndarray, " ..."]:
     """Return read-only float32 zeros that take no memory, however many a hostile file may ask for."""
     return np.broadcast_to(np.float32(0), shape)
+
+
+def array_fields(module: Any) -> dict[str, Any]:
+    """Return every array of an equinox module by the name of its field, which is its name in files: of a module in it, too."""
+    arrays = {}
+    for field in fields(module):
+        value = getattr(module, field.name)
+        if is_dataclass(value) and not field.metadata.get("static"):
+            arrays |= {f"{field.name}.{name}": array for name, array in array_fields(value).items()}
+        elif value is not None and not field.metadata.get("static"):
+            arrays[field.name] = value
+    return arrays
 
 
 def as_parameter(numbers: ArrayLike) -> Num[AnyArray, " ..."]:

@@ -6,7 +6,7 @@ Errors of one super step, and motions under random controls, do not show that a 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -85,13 +85,10 @@ def held_controls(bounds: Bounds) -> Float[np.ndarray, "B C"]:
     return np.concatenate([alone, np.where(signs < 0.5, low, high), [low, high, idle]])
 
 
-def find_departures(
-    emulator: Emulator, steps: int = STEPS, *, on_steps: Callable[[int], None] | None = None
-) -> list[Departure]:
+def find_departures(emulator: Emulator, steps: int = STEPS) -> list[Departure]:
     """Return what leaves training in `steps` super steps from rest under each of the `held_controls`, worst first.
 
-    Every quantity is named once, with the controls under which it gets furthest. `on_steps` is called with the number of
-    super steps done.
+    Every quantity is named once, with the controls under which it gets furthest.
     """
     held = held_controls(emulator.bounds).astype(np.float32)
     names = _judged_names(emulator)
@@ -117,8 +114,6 @@ def find_departures(
         states = path[:, -1]
         if not np.isfinite(states).all():
             break
-        if on_steps:
-            on_steps(done + length)
     worst: dict[str, Departure] = {}
     for row, column in zip(*np.nonzero(furthest > FAR), strict=True):
         found = Departure(

@@ -55,9 +55,9 @@ class Encoding(eqx.Module):
         """Partner of each control in the body's mirror; empty without one."""
 
     @property
-    @abc.abstractmethod
     def is_identity(self) -> bool:
         """Whether the latent state is the state itself."""
+        return self.keeps_entries and not self.is_mirrored
 
     @property
     @abc.abstractmethod
@@ -144,10 +144,6 @@ class Encoding(eqx.Module):
         """Refuse arrays that make every prediction NaN; ValueError names them."""
 
     @abc.abstractmethod
-    def leaves(self) -> dict[str, Any]:
-        """Return every array, or its placeholder, by its name in files: see docs/format.md."""
-
-    @abc.abstractmethod
     def to_json(self) -> dict[str, Any] | None:
         """Return the JSON that, together with the arrays, makes up the encoding; None for the identity."""
 
@@ -183,10 +179,6 @@ class StateEncoding(Encoding):
     @property
     def control_partners(self) -> tuple[int, ...]:
         return self.partners
-
-    @property
-    def is_identity(self) -> bool:
-        return not self.partners
 
     @property
     def keeps_entries(self) -> bool:
@@ -251,9 +243,6 @@ class StateEncoding(Encoding):
 
     def check(self) -> None:
         return None
-
-    def leaves(self) -> dict[str, Any]:
-        return {}
 
     def to_json(self) -> dict[str, Any] | None:
         return {PARTNERS: list(self.partners)} if self.partners else None

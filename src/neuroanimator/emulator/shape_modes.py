@@ -85,10 +85,6 @@ class ShapeModes(Encoding):
     """Time constant of the muscles [s]."""
 
     @property
-    def is_identity(self) -> bool:
-        return False
-
-    @property
     def keeps_entries(self) -> bool:
         return False
 
@@ -296,16 +292,6 @@ class ShapeModes(Encoding):
     def check(self) -> None:
         if (np.asarray(self.spread) <= 0).any():
             raise ValueError("normaliser or modes: wanted scales above 0")
-
-    def leaves(self) -> dict[str, Any]:
-        return {
-            "positions": self.positions,
-            "velocities": self.velocities,
-            "mean_position": self.mean_position,
-            "mean_velocity": self.mean_velocity,
-            "spread": self.spread,
-            "limits": self.limits,
-        }
 
     def to_json(self) -> dict[str, Any]:
         mirror = None

@@ -1,7 +1,4 @@
-"""The arrays of an emulator by their names in files: one table, whatever the fields are called.
-
-`docs/format.md` has the same table in words. Names in files are permanent; names of fields are not.
-"""
+"""The arrays of an emulator by their names in files, which are permanent (`docs/format.md`)."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from neuroanimator.emulator.arrays import array_fields
 from neuroanimator.emulator.networks.network import prefixed
 from neuroanimator.emulator.super_step import SuperStep
 from neuroanimator.files.atomic import Tensors
@@ -26,21 +24,18 @@ def emulator_leaves(emulator: SuperStep) -> dict[str, Any]:
         "normaliser.change_mean": emulator.normaliser.change_mean,
         "normaliser.change_scale": emulator.normaliser.change_scale,
         "normaliser.error_unit": emulator.normaliser.unit,
-        "domain.low": emulator.domain.low,
-        "domain.high": emulator.domain.high,
-        **prefixed("modes", emulator.encoding.leaves()),
         **prefixed("network", emulator.network.leaves()),
     }
-    meter = emulator.meter
-    if meter is not None:
-        named = {"odd": meter.odd, "even": meter.even, "even_mean": meter.even_mean}
-        leaves |= prefixed("trust", named)
-    bounds = emulator.calibration
-    if bounds is not None:
-        named = {"unit": bounds.unit, "weights": bounds.weights, "centre": bounds.centre}
-        leaves |= prefixed("errors", named)
-    if emulator.validation is not None:
-        leaves |= prefixed("validation", emulator.validation.leaves())
+    parts = {
+        "domain": emulator.domain,
+        "modes": emulator.encoding,
+        "trust": emulator.meter,
+        "errors": emulator.calibration,
+        "validation": emulator.validation,
+    }
+    for name, part in parts.items():
+        if part is not None:
+            leaves |= prefixed(name, array_fields(part))
     return leaves
 
 

@@ -9,7 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.emulator.arrays import zeros
+from neuroanimator.emulator.arrays import array_fields, zeros
 from neuroanimator.emulator.error_bounds import KINDS, ErrorBounds
 from neuroanimator.state.arrays import AnyArray
 
@@ -85,10 +85,6 @@ class WindowErrors(eqx.Module):
     no_change: Float[AnyArray, ""]
     """Error of predicting that it keeps its shape and moves along with its movers."""
 
-    def leaves(self) -> dict[str, AnyArray]:
-        """Return the numbers by their names in files."""
-        return {"seconds": self.seconds, "emulator": self.emulator, "no_change": self.no_change}
-
     @property
     def in_words(self) -> str:
         """The error as half a sentence."""
@@ -150,22 +146,9 @@ class ValidationErrors(eqx.Module):
             return verdict
         return self.window.judged(verdict)
 
-    def leaves(self) -> dict[str, AnyArray]:
-        """Return the errors by their names in files."""
-        leaves = {
-            "emulator": self.emulator,
-            "no_change": self.no_change,
-            "constant_velocity": self.constant_velocity,
-            "noise": self.noise,
-        }
-        if self.window is not None:
-            for name, leaf in self.window.leaves().items():
-                leaves[f"window.{name}"] = leaf
-        return leaves
-
     def check(self) -> None:
         """Refuse values that no error has; raises ValueError."""
-        if any(np.asarray(error) < 0 for error in self.leaves().values()):
+        if any(np.asarray(error) < 0 for error in array_fields(self).values()):
             raise ValueError("validation: wanted errors of at least 0")
 
 
