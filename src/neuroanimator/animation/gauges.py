@@ -10,6 +10,7 @@ from jaxtyping import Float
 from neuroanimator.animation.clip import Clip
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.emulator.emulator import Emulator
+from neuroanimator.state.layout import entry_names, entry_units
 from neuroanimator.state.links import Joint, Numbers
 
 MAX_GAUGES = 24
@@ -72,12 +73,13 @@ def as_gauges(clip: Clip, emulator: Emulator, *, ranges_from: Clip | None = None
     """
     ranges = clip.states if ranges_from is None else ranges_from.states
     shown = shown_entries(emulator)
-    names, units = _names_and_units(emulator)
+    names = entry_names(emulator.state)
+    units = entry_units(emulator.state)
     bones: list[Bone] = []
     # The first number never moves: see `_face`.
     columns = [np.zeros(len(clip.states))]
     for place, entry in enumerate(shown):
-        name = names[entry]
+        name = names[entry].replace("[", ".").rstrip("]")  # brackets are not for bones
         middle = _middle(place, len(shown))
         numbers = clip.states[:, entry]
         if units[entry] == ANGLE:
@@ -94,19 +96,6 @@ def shown_entries(emulator: Emulator) -> list[int]:
     rates = {rate for _, rate in emulator.rates}
     entries = [entry for entry in range(emulator.state.size) if entry not in rates]
     return entries[:MAX_GAUGES]
-
-
-def _names_and_units(emulator: Emulator) -> tuple[list[str], list[str]]:
-    """Return the name of each state entry, in a form that a bone may have, and its unit."""
-    names: list[str] = []
-    units: list[str] = []
-    for part in emulator.state.slices:
-        if part.size == 1:
-            names.append(part.name)
-        else:
-            names += [f"{part.name}.{number}" for number in range(part.size)]
-        units += [part.unit] * part.size
-    return names, units
 
 
 def _middle(place: int, count: int) -> Numbers:

@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.pose import read_heights
-from neuroanimator.state.reference_shape import Cloud
-from neuroanimator.state.rotation import multiply, rotate
+from neuroanimator.state.reference_shape import Cloud, points_of
+from neuroanimator.state.rotation import rotate, rotated_by
 from neuroanimator.state.segments import Position, first_of_each, moves_freely
 
 FIRST_BEND = 0.02
@@ -68,8 +68,8 @@ def whole_body(emulator: Emulator) -> tuple[slice, float]:
     """Return (the state entries of positions that move with the whole body, of its mass points or its root; its length [m])."""
     structure = emulator.state_structure
     if structure.cloud is not None:
-        points, _ = _points(emulator, emulator.rest)
-        return slice(0, points.size), float(np.ptp(points, axis=0).max())
+        entries = slice(0, 3 * structure.cloud.count)
+        return entries, float(np.ptp(points_of(emulator.rest[entries]), axis=0).max())
     shapes = emulator.skeleton.shapes
     assert shapes is not None
     entries = first_of_each(structure.segments)[Position].entries
@@ -108,11 +108,12 @@ def level_swim(
 def is_soft_on_ground(emulator: Emulator) -> bool:
     """Return whether this is a body of mass points that at rest lies wholly above the level its heights count from."""
     frame = emulator.frame
-    if emulator.state_structure.cloud is None or not frame.has_gravity or frame.is_immersed:
+    cloud = emulator.state_structure.cloud
+    if cloud is None or not frame.has_gravity or frame.is_immersed:
         return False
-    positions, _ = _points(emulator, emulator.rest)
-    height = float(np.ptp(positions[:, 2]))
-    return float(positions[:, 2].min()) > _surface_height(emulator) - UNDER_GROUND * height
+    heights = points_of(emulator.rest[: 3 * cloud.count])[:, 2]
+    lowest = _surface_height(emulator) - UNDER_GROUND * float(np.ptp(heights))
+    return float(heights.min()) > lowest
 
 
 def throw(emulator: Emulator, start: Float[np.ndarray, " S"]) -> Float[np.ndarray, " S"]:
@@ -134,11 +135,14 @@ def throw_body(
 
     It stays well within `max_speed` [m/s] and `max_angular_speed` [rad/s].
     """
-    positions, velocities = _points_of(cloud, start)
+    positions = points_of(start[: 3 * cloud.count])
+    velocities = points_of(start[3 * cloud.count : 6 * cloud.count])
     size = float(np.ptp(positions, axis=0).max())
     centre = positions.mean(axis=0)
     about_x, about_y = TOSS_ORIENTATION
-    orientation = multiply(_rotation_about(0, about_x), _rotation_about(1, about_y))
+    orientation = np.array([1.0, 0.0, 0.0, 0.0])
+    for angles in ((about_x, 0.0, 0.0), (0.0, about_y, 0.0)):
+        orientation = rotated_by(orientation, 2 * np.tan(np.array(angles) / 2))
     offsets = rotate(np.broadcast_to(orientation, (len(positions), 4)), positions - centre)
     # It begins at half the height of the throw and climbs the other half: v² = 2 g (TOSS / 2) size.
     velocity = TOSS_VELOCITY * np.sqrt(GRAVITY * TOSS * size)
@@ -162,27 +166,3 @@ def _surface_height(emulator: Emulator) -> float:
 def _height(emulator: Emulator, state: Float[np.ndarray, " S"]) -> float:
     """Return the mean height of the mass points, or that of the root [m]."""
     return float(read_heights(emulator.state_structure, state).mean())
-
-
-def _points(
-    emulator: Emulator, state: Float[np.ndarray, " S"]
-) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, "N 3"]]:
-    """Return positions [m] and velocities [m/s] of the mass points of `state`, as views into it."""
-    cloud = emulator.state_structure.cloud
-    assert cloud is not None
-    return _points_of(cloud, state)
-
-
-def _points_of(
-    cloud: Cloud, state: Float[np.ndarray, " S"]
-) -> tuple[Float[np.ndarray, "N 3"], Float[np.ndarray, "N 3"]]:
-    size = 3 * cloud.count
-    return state[:size].reshape(-1, 3), state[size : 2 * size].reshape(-1, 3)
-
-
-def _rotation_about(axis: int, angle: float) -> Float[np.ndarray, " 4"]:
-    """Return the quaternion wxyz that rotates by `angle` [rad] about an axis of the world."""
-    quaternion = np.zeros(4)
-    quaternion[0] = np.cos(angle / 2)
-    quaternion[1 + axis] = np.sin(angle / 2)
-    return quaternion

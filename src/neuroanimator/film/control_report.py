@@ -18,11 +18,8 @@ from neuroanimator.film.inline import replay_html
 from neuroanimator.learn.evaluation.held_out import replayable_system
 from neuroanimator.learn.evaluation.page import render, write_page
 from neuroanimator.learn.evaluation.plots import EMULATOR, PHYSICS, QUIET, label
-from neuroanimator.learn.evaluation.weakness.readings import (
-    entry_names,
-    entry_units,
-    state_readings,
-)
+from neuroanimator.learn.evaluation.weakness.readings import state_readings
+from neuroanimator.state.layout import entry_names, entry_units
 from neuroanimator.state.rotation import wrapped
 from neuroanimator.terminal import TableRows
 

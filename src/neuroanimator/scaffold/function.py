@@ -47,6 +47,7 @@ from neuroanimator.scaffold.structure import (
     placeless_entries,
     turning_entries,
 )
+from neuroanimator.state.layout import entry_units
 from neuroanimator.state.rotation import wrapped
 from neuroanimator.systems.system import Scheme
 from neuroanimator.systems.trusted_files import digest_of
@@ -192,9 +193,7 @@ def _fill_structure(
 ) -> None:
     """Fill in from trial calls what the file does not declare: angles, entries without a fixed origin, and rates."""
     layout = trial.system.state
-    units: list[str] = []
-    for part in layout.slices:
-        units += [part.unit] * part.size
+    units = entry_units(layout)
     is_turning = turning_entries(trial.after, trial.states, units)
     is_placeless = placeless_entries(trial.after, trial.states, units)
     is_angle = np.array(units) == "rad"

@@ -24,7 +24,7 @@ from neuroanimator.physics.soft.mesh_file import MAX_FILE, read_mesh
 from neuroanimator.physics.soft.scene import Scene
 from neuroanimator.physics.soft.soft_body import GRAVITY, Points
 from neuroanimator.physics.soft.soft_system import SWIM_STEPS, THROW_STEPS, SoftSystem
-from neuroanimator.scaffold.defaults import usual_name
+from neuroanimator.scaffold.defaults import rounded, usual_name
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.scaffold.teacher import data_row
 from neuroanimator.state.shape_contacts import FREE
@@ -225,7 +225,7 @@ def _cloth_values(positions: Points, size: float, pins: np.ndarray) -> dict[str,
     """Return the material and the movers of a cloth."""
     low = positions.min(axis=0)
     middle = (low + positions.max(axis=0)) / 2
-    across = _thinnest_axis(positions)
+    across = _axes(positions)[-1]  # along which it extends least
     extent = float(((positions - middle) @ across).max())
     away = max(AWAY * size, extent + (BALL + GAP) * size)
     return {
@@ -255,9 +255,8 @@ def _solid_values(positions: Points, size: float) -> dict[str, Any]:
     paddle = (low + positions.max(axis=0)) / 2
     paddle[0] = low[0] - GAP * size - half[0]
     paddle[2] = low[2] + half[2]
-    stretch = float(f"{-DENSITY * GRAVITY[2] * size / SAG:.2g}")
     return {
-        "solid": {"density": DENSITY, "stretch": stretch, "bulk": HARDER * stretch},
+        "solid": _solid(size),
         "ground": {"height": _rounded(low[2]), "friction": 0.5},
         "movers": {
             "paddle": {
@@ -279,18 +278,12 @@ def _swimmer_values(mesh: Mesh, size: float) -> dict[str, Any]:
     for number, name in enumerate(mesh.groups):
         inside = mesh.elements[mesh.members == number]
         along[name] = _rounded(_longest_axis(mesh.positions[inside].mean(axis=1)))
-    stretch = float(f"{-DENSITY * GRAVITY[2] * size / SAG:.2g}")
     return {
         "shapes": 32,
-        "solid": {
-            "density": DENSITY,
-            "stretch": stretch,
-            "bulk": HARDER * stretch,
-            "damping": SWIMMER_DAMPING,
-        },
+        "solid": _solid(size) | {"damping": SWIMMER_DAMPING},
         "muscles": {"along": along},
         "water": {
-            "face_drag": float(f"{FACE_DRAG * np.sqrt(size):.2g}"),
+            "face_drag": rounded(FACE_DRAG * np.sqrt(size), 2),
             "righting": _rounded(0.01 * size),
         },
         "sampling": {
@@ -300,6 +293,12 @@ def _swimmer_values(mesh: Mesh, size: float) -> dict[str, Any]:
             "tilt": 0.5,
         },
     }
+
+
+def _solid(size: float) -> dict[str, float]:
+    """Return the material of a solid that sags a little under its own weight."""
+    stretch = rounded(-DENSITY * GRAVITY[2] * size / SAG, 2)
+    return {"density": DENSITY, "stretch": stretch, "bulk": HARDER * stretch}
 
 
 def _held_edge(positions: Points, size: float) -> tuple[np.ndarray, str]:
@@ -314,11 +313,6 @@ def _held_edge(positions: Points, size: float) -> tuple[np.ndarray, str]:
     while len(pins) < ENOUGH and widths:
         pins = np.flatnonzero(along > along.max() - widths.pop(0) * size)
     return pins, name
-
-
-def _thinnest_axis(positions: Points) -> Float[np.ndarray, " 3"]:
-    """Return the unit vector along which the mesh extends least."""
-    return _axes(positions)[-1]
 
 
 def _longest_axis(positions: Points) -> Float[np.ndarray, " 3"]:

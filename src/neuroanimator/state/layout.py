@@ -227,3 +227,17 @@ class Bounds:
                 f"got {controls[index_of]:g}."
             )
         return controls
+
+
+def entry_names(layout: Layout) -> list[str]:
+    """Return the name of each entry, without its unit; parts of one number without an index."""
+    names = []
+    for part in layout.slices:
+        indexed = [f"{part.name}[{number}]" for number in range(part.size)]
+        names += indexed if part.size > 1 else [part.name]
+    return names
+
+
+def entry_units(layout: Layout) -> list[str]:
+    """Return the unit of each entry."""
+    return [part.unit for part in layout.slices for _ in range(part.size)]

@@ -19,7 +19,7 @@ from neuroanimator.emulator.checks import MAX_MAGNITUDE
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.super_step import begin, step, step_trusted
 from neuroanimator.emulator.trust_summary import NO_METER
-from neuroanimator.state.layout import Layout, Slice
+from neuroanimator.state.layout import Bounds, Layout, Slice
 
 PHASE = Layout((Slice("phase", 1, "rad"),))
 """The clock of a policy."""
@@ -148,10 +148,7 @@ def _are_below(numbers: Float[Array, " *N"], limit: float) -> Bool[Array, ""]:
 
 def _policy_definition(policy: Policy, licence: str) -> ProgramDefinition:
     emulator = policy.emulator
-    facts = _facts("policy", emulator, licence)
-    facts["command"] = COMMAND.to_json()
-    facts["command_low"] = list(policy.ranges.low)
-    facts["command_high"] = list(policy.ranges.high)
+    facts = _facts("policy", emulator, licence) | _command_facts(COMMAND, policy.ranges)
     facts["phase_per_step"] = policy.tick
     return ProgramDefinition(
         name="control",
@@ -180,16 +177,13 @@ def _commanded_definition(
     policy: StatePolicy, commands: Commands, licence: str
 ) -> ProgramDefinition:
     emulator = policy.emulator
-    facts = _facts("commanded-policy", emulator, licence)
-    facts["command"] = COMMAND_LAYOUT.to_json()
-    facts["command_low"] = list(commands.bounds.low)
-    facts["command_high"] = list(commands.bounds.high)
     return ProgramDefinition(
         name="control",
         function=partial(commanded_control, policy),
         inputs=(Port("state", emulator.state), Port("command", COMMAND_LAYOUT)),
         outputs=(Port("control", emulator.control), Port("commanded_state", emulator.state)),
-        facts=facts,
+        facts=_facts("commanded-policy", emulator, licence)
+        | _command_facts(COMMAND_LAYOUT, commands.bounds),
     )
 
 
@@ -201,6 +195,14 @@ def commanded_control(
     assert reference is not None
     told = reference.with_command(state, command)
     return policy.control_of(told), told
+
+
+def _command_facts(layout: Layout, bounds: Bounds) -> dict[str, Any]:
+    return {
+        "command": layout.to_json(),
+        "command_low": list(bounds.low),
+        "command_high": list(bounds.high),
+    }
 
 
 def _facts(kind: str, emulator: Emulator, licence: str) -> dict[str, Any]:

@@ -90,13 +90,7 @@ def tokens(names: Iterable[str]) -> str:
     return f"[{', '.join(map(json.dumps, names))}]"
 
 
-def samples(values: Iterable[str]) -> list[str]:
-    """Return the lines of a property's values in frames 0, 1, and so on."""
-    rows = [f"{INDENT}{frame}: {value}," for frame, value in enumerate(values)]
-    return ["{", *rows, "}"]
-
-
 def animated(declaration: str, values: Iterable[str]) -> list[str]:
-    """Return the lines of a property with a value for each frame."""
-    first, *others = samples(values)
-    return [f"{declaration}.timeSamples = {first}", *others]
+    """Return the lines of a property with a value for each of the frames 0, 1, and so on."""
+    rows = [f"{INDENT}{frame}: {value}," for frame, value in enumerate(values)]
+    return [f"{declaration}.timeSamples = {{", *rows, "}"]

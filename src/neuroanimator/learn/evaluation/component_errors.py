@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from neuroanimator.learn.evaluation.accuracy import root_mean_square
 from neuroanimator.learn.evaluation.held_out import HeldOut
-from neuroanimator.learn.evaluation.weakness.readings import entry_names, entry_units
+from neuroanimator.state.layout import entry_names, entry_units
 from neuroanimator.state.segments import place_segments
 from neuroanimator.systems.system import System
 from neuroanimator.text import short_number

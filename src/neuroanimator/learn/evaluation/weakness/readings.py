@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.state.layout import Layout
+from neuroanimator.state.layout import entry_names, entry_units
 from neuroanimator.state.pose import read_pose
 from neuroanimator.state.reference_shape import Cloud, flat_of, points_of
 from neuroanimator.state.rotation import rotate, to_body_axes, wrapped
@@ -39,20 +39,6 @@ class Reading(NamedTuple):
     values: Float[np.ndarray, " N"]
     can_matter: bool = True
     """Whether the dynamics may depend on it: not on a free body's position in the plane, nor on its heading."""
-
-
-def entry_names(layout: Layout) -> list[str]:
-    """Return the name of each entry, without its unit; parts of one number without an index."""
-    names = []
-    for part in layout.slices:
-        indexed = [f"{part.name}[{number}]" for number in range(part.size)]
-        names += indexed if part.size > 1 else [part.name]
-    return names
-
-
-def entry_units(layout: Layout) -> list[str]:
-    """Return the unit of each entry."""
-    return [part.unit for part in layout.slices for _ in range(part.size)]
 
 
 def state_readings(system: System, states: Float[np.ndarray, "N S"]) -> list[Reading]:

@@ -13,7 +13,7 @@ from neuroanimator.emulator.normaliser import MIN_CHANGE
 from neuroanimator.learn.evaluation.accuracy import bounded, emulate, root_mean_square
 from neuroanimator.learn.evaluation.component_errors import change_names
 from neuroanimator.learn.evaluation.held_out import HeldOut
-from neuroanimator.learn.evaluation.weakness.readings import entry_names
+from neuroanimator.state.layout import entry_names
 
 SEGMENT_SECONDS = 1.0
 """Length of a segment, longer where it would hold too few super steps [s]."""
