@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.emulator.mode_fitting import modes_along, without_growth
+from neuroanimator.emulator.mode_fitting import modes_along, shapes_and_flow
 from neuroanimator.emulator.pca import Basis, principal, reflection
-from neuroanimator.emulator.shape_modes import ShapeModes, view_in_frame
+from neuroanimator.emulator.shape_modes import ShapeModes
 from neuroanimator.errors import ArgumentError
 from neuroanimator.state.structure import BodyGroup, Structure
 
@@ -38,11 +38,9 @@ def fit_grouped_modes(
     structure: Structure, states: Float[np.ndarray, "B S"], local: int
 ) -> GroupedModes:
     """Return modes in which every segment has three for its centre, and `local` more for positions and for velocities."""
-    assert structure.cloud is not None
-    body = view_in_frame(structure.cloud, np.asarray(states, float))
-    shapes = without_growth(structure.cloud, body.shape, states)
+    shapes, flow = shapes_and_flow(structure, states)
     positions, position_owners = _grouped(structure, shapes, local)
-    velocities, velocity_owners = _grouped(structure, body.flow, local)
+    velocities, velocity_owners = _grouped(structure, flow, local)
     modes = modes_along(structure, positions, velocities, states)
     return GroupedModes(modes, position_owners, velocity_owners)
 

@@ -10,7 +10,6 @@ from jaxtyping import Float
 from neuroanimator.emulator.arrays import as_jax
 from neuroanimator.emulator.pca import Basis, principal, reflection
 from neuroanimator.emulator.shape_modes import LIMITS, ShapeModes, view_in_frame
-from neuroanimator.state.reference_shape import Cloud
 from neuroanimator.state.segments import Lag
 from neuroanimator.state.structure import Structure
 
@@ -28,25 +27,26 @@ def fit_modes(
     velocity_modes: int,
 ) -> ShapeModes:
     """Return the modes in which the bodies in `states` (B, S) vary most."""
-    assert structure.cloud is not None
-    body = view_in_frame(structure.cloud, np.asarray(states, float))
-    shapes = without_growth(structure.cloud, body.shape, states)
+    shapes, flow = shapes_and_flow(structure, states)
     reflect = None
     if structure.mirror is not None:
         reflect = reflection(structure.mirror)
-    most = body.shape.shape[1]
+    most = shapes.shape[1]
     positions = principal(shapes, min(position_modes, most), reflect)
-    velocities = principal(body.flow, min(velocity_modes, most), reflect)
+    velocities = principal(flow, min(velocity_modes, most), reflect)
     return modes_along(structure, positions, velocities, states)
 
 
-def without_growth(
-    cloud: Cloud, shapes: Float[np.ndarray, "B D"], states: Float[np.ndarray, "B S"]
-) -> Float[np.ndarray, "B D"]:
-    """Return the `shapes` of `states` minus the effect of their parameters on the shape at rest."""
+def shapes_and_flow(
+    structure: Structure, states: Float[np.ndarray, "B S"]
+) -> tuple[Float[np.ndarray, "B D"], Float[np.ndarray, "B D"]]:
+    """Return the shapes of `states`, without the effect of their parameters on the shape at rest, and their flow."""
+    cloud = structure.cloud
+    assert cloud is not None
+    body = view_in_frame(cloud, np.asarray(states, float))
     if not cloud.parameters:
-        return shapes
-    return shapes - cloud.growth(np.asarray(states[:, -cloud.parameters :], float))
+        return body.shape, body.flow
+    return body.shape - cloud.growth(np.asarray(states[:, -cloud.parameters :], float)), body.flow
 
 
 def modes_along(
