@@ -6,20 +6,20 @@ Needs no physics engine.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, ValidationError
 
 from neuroanimator.appearance.binding import Binding, Pose, bound_pose
 from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.shapes import Shapes
-from neuroanimator.appearance.skin import Skin, skin_from_json, skin_to_json
+from neuroanimator.appearance.skin import Skin
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import LABEL_PATTERN
-from neuroanimator.files.tables import first_fault
+from neuroanimator.files.tables import Table, first_fault
 from neuroanimator.state.kinematics import Kinematics
 from neuroanimator.state.links import (
     EXACT,
@@ -171,11 +171,14 @@ class Skeleton:
         bones = self.bones_to_json()
         if self.skin is None:
             return bones
-        return {"bones": bones, "skin": skin_to_json(self.skin)}
+        return {"bones": bones, "skin": self.skin.model_dump(mode="json")}
 
     def bones_to_json(self) -> list[dict[str, Any]]:
         """Return plain dictionaries, one per bone."""
-        return [_bone_to_json(bone) for bone in self.bones]
+        described = _Described(bones=self.bones, skin=None).model_dump(
+            mode="json", exclude_none=True
+        )
+        return described["bones"]
 
     @classmethod
     def from_json(cls, described: Any, state_size: int | None = None) -> Skeleton:
@@ -185,43 +188,32 @@ class Skeleton:
         """
         if not isinstance(described, dict):
             described = {"bones": described, "skin": None}
-        if {*described} != {"bones", "skin"} or not isinstance(described["bones"], list):
-            raise ValueError("skeleton: wanted bones and a skin")
-        rows = described["bones"]
-        if len(rows) > MAX_BONES:
-            raise ValueError(f"skeleton: {len(rows)} bones; wanted at most {MAX_BONES}")
         try:
-            bones = _BONES.validate_python(rows)
+            read = _Described.model_validate(described)
         except ValidationError as error:
             raise ValueError(f"skeleton: {first_fault(error)}") from error
+        bones = read.bones
         for number, bone in enumerate(bones):
             _check_bone(bone, number, state_size)
-        if described["skin"] is None:
-            return cls(bones)
-        skin = skin_from_json(described["skin"])
-        # The skins of deformable bodies are made around their bones, whose parent is the world.
-        is_bound = isinstance(skin, MeshSkin) or all(bone.binding is not None for bone in bones)
-        if not is_bound or not skin.fits([bone.offset for bone in bones]):
-            raise ValueError("skeleton: its skin needs other bones")
+        skin = read.skin
+        if skin is not None:
+            # The skins of deformable bodies are made around their bones, whose parent is the world.
+            is_bound = isinstance(skin, MeshSkin) or all(bone.binding for bone in bones)
+            if not is_bound or not skin.fits([bone.offset for bone in bones]):
+                raise ValueError("skeleton: its skin needs other bones")
         return cls(bones, skin)
 
 
-_BONES = TypeAdapter(tuple[Bone, ...])
-"""Reader of bones."""
+class _Described(Table):
+    """A skeleton in a file."""
+
+    bones: Annotated[tuple[Bone, ...], Field(max_length=MAX_BONES)]
+    skin: Annotated[Skin, Field(discriminator="kind")] | None
 
 
 def kinematics_of(bones: Sequence[Bone]) -> Kinematics:
     """Return how joints move the links of these `bones`."""
     return Kinematics(tuple(bone.link for bone in bones), tuple(bone.parent for bone in bones))
-
-
-def _bone_to_json(bone: Bone) -> dict[str, Any]:
-    row = asdict(bone)
-    if bone.binding is None:
-        del row["binding"]
-    else:
-        row["binding"] = bone.binding.model_dump(mode="json")
-    return row
 
 
 def _check_bone(bone: Bone, number: int, state_size: int | None) -> None:

@@ -13,12 +13,12 @@ MuJoCo model consists of triangles from the start: see `MeshSkin`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from neuroanimator.appearance.mesh_skin import Coordinate, MeshSkin
-from neuroanimator.files.tables import Share, Table, first_fault
+from neuroanimator.files.tables import Share, Table
 
 Colour = tuple[Share, Share, Share]
 """Red, green and blue, each 0 to 1."""
@@ -95,18 +95,3 @@ SkinTable = Annotated[Swimmer | Box, Field(discriminator="kind")]
 
 Skin = Swimmer | Box | MeshSkin
 """Kinds of skins."""
-
-_SKIN: TypeAdapter[Skin] = TypeAdapter(Annotated[Skin, Field(discriminator="kind")])
-
-
-def skin_to_json(skin: Skin) -> dict[str, Any]:
-    """Return the table as plain lists and numbers."""
-    return skin.model_dump(mode="json")
-
-
-def skin_from_json(row: Any) -> Skin:
-    """Return the skin `skin_to_json` wrote; ValueError names what is wrong with it."""
-    try:
-        return _SKIN.validate_python(row)
-    except ValidationError as error:
-        raise ValueError(f"skin: {first_fault(error)}") from error
