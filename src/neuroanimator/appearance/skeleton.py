@@ -90,8 +90,8 @@ class Bone:
     """Its origin in the parent's frame [m], joints at their references."""
     orientation: Quaternion
     """Quaternion wxyz in the parent's frame, joints at their references."""
-    joints: Annotated[tuple[Joint, ...], Field(max_length=MAX_PIECES)]
-    shapes: Annotated[tuple[Shape, ...], Field(max_length=MAX_PIECES)]
+    joints: Annotated[tuple[Joint, ...], Field(max_length=MAX_PIECES, fail_fast=True)]
+    shapes: Annotated[tuple[Shape, ...], Field(max_length=MAX_PIECES, fail_fast=True)]
     binding: Binding | None = None
     """Mass points it follows, instead of joints; its parent is then the world.
 
@@ -207,7 +207,7 @@ class Skeleton:
 class _Described(Table):
     """A skeleton in a file."""
 
-    bones: Annotated[tuple[Bone, ...], Field(max_length=MAX_BONES)]
+    bones: Annotated[tuple[Bone, ...], Field(max_length=MAX_BONES, fail_fast=True)]
     skin: Annotated[Skin, Field(discriminator="kind")] | None
 
 
