@@ -42,11 +42,11 @@ class Binding(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    position: Weights = Field(min_length=1, max_length=MAX_POINTS)
+    position: Weights = Field(min_length=1, max_length=MAX_POINTS, fail_fast=True)
     """Weights of the mean; they add up to 1."""
-    forward: Annotated[Weights, Field(max_length=MAX_POINTS)] = ()
+    forward: Annotated[Weights, Field(max_length=MAX_POINTS, fail_fast=True)] = ()
     """Weights of the direction of X; they add up to 0."""
-    up: Annotated[Weights, Field(max_length=MAX_POINTS)] = ()
+    up: Annotated[Weights, Field(max_length=MAX_POINTS, fail_fast=True)] = ()
     """Weights of the direction of Z; they add up to 0."""
 
     @model_validator(mode="after")

@@ -67,13 +67,13 @@ class Shape:
 
     kind: Annotated[str, one_of(SHAPE_KINDS)]
     """One of `SHAPE_KINDS`."""
-    size: Annotated[tuple[Size, ...], Field(max_length=MAX_SIZES)]
+    size: Annotated[tuple[Size, ...], Field(max_length=MAX_SIZES, fail_fast=True)]
     """Radius and half length along Z (capsule, cylinder), radius (sphere), half axes (box, ellipsoid) [m]."""
     position: Point
     """Its middle in the bone's frame [m]."""
     orientation: Quaternion
     """Quaternion wxyz in the bone's frame."""
-    colour: Annotated[tuple[Shade, ...], Field(min_length=4, max_length=4)]
+    colour: Annotated[tuple[Shade, ...], Field(min_length=4, max_length=4, fail_fast=True)]
     """Red, green, blue, opacity, each 0 to 1."""
 
 

@@ -119,8 +119,12 @@ def run_rollout(
     emulator: SuperStep, state: ArrayLike, controls: ArrayLike, *, may_diverge: bool
 ) -> Float[AnyArray, "*B F S"]:
     """Return `Emulator.rollout`."""
-    is_usual = is_plain(state) and is_plain(controls) and state.size > 0
-    if is_usual and _are_shapes(emulator, state.shape, controls.shape):
+    if (
+        is_plain(state)
+        and is_plain(controls)
+        and state.size
+        and _are_shapes(emulator, state.shape, controls.shape)
+    ):
         program = program_of(emulator)
         if program is not None:
             trajectory, is_sound = program.rollout(as_state(state), as_float32(controls))

@@ -59,14 +59,16 @@ Distance = Annotated[float, Field(strict=True, ge=-MAX_DISTANCE, le=MAX_DISTANCE
 Component = Annotated[float, Field(strict=True, ge=-2, le=2)]
 """A component of an axis or a quaternion, before its length is checked."""
 
-Point = Annotated[tuple[Distance, ...], Field(min_length=3, max_length=3)]
+Point = Annotated[tuple[Distance, ...], Field(min_length=3, max_length=3, fail_fast=True)]
 """A point [m]."""
 
-Axis = Annotated[tuple[Component, ...], Field(min_length=3, max_length=3), AfterValidator(_unit)]
+Axis = Annotated[
+    tuple[Component, ...], Field(min_length=3, max_length=3, fail_fast=True), AfterValidator(_unit)
+]
 """A unit vector."""
 
 Quaternion = Annotated[
-    tuple[Component, ...], Field(min_length=4, max_length=4), AfterValidator(_unit)
+    tuple[Component, ...], Field(min_length=4, max_length=4, fail_fast=True), AfterValidator(_unit)
 ]
 """A quaternion wxyz."""
 
