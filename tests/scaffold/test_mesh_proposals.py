@@ -376,7 +376,9 @@ def test_absurd_sizes_are_asked_about_and_a_lying_cape_is_said(tmp_path: Path):
 
 def test_options_of_meshes_are_refused_elsewhere(tmp_path: Path):
     (tmp_path / "my.csv").write_text("time,x\n0,0\n")
-    with pytest.raises(ArgumentError, match="no mesh .* Leave --unit, --up out"):
+    with pytest.raises(
+        ArgumentError, match=r"my.csv: --unit, --up are for meshes\. Leave them out"
+    ):
         write_definition(str(tmp_path / "my.csv"), unit="mm", up="y")
     (tmp_path / "my.obj").write_text(obj(*sheet()))
     with pytest.raises(NeuroAnimatorError, match="up: input should be 'y' or 'z'"):

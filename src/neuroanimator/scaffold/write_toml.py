@@ -27,18 +27,18 @@ from neuroanimator.systems.trusted_files import trust_file
 from neuroanimator.text import listed, quoted
 
 KINDS = {
-    ".py": "step function",
-    ".csv": "recording",
-    ".npz": "recording",
-    ".obj": "mesh",
-    SOLID_ENDING: "mesh",
+    ".py": "step functions",
+    ".csv": "recordings",
+    ".npz": "recordings",
+    ".obj": "meshes",
+    SOLID_ENDING: "meshes",
 }
 """Kinds of files other than MuJoCo's models, by suffix."""
 
 OPTIONS = {
-    "MuJoCo model": ("keyframe", "base", "passive", "tree"),
-    "mesh": ("unit", "up", "keep"),
-    "recording": ("resample", "velocities"),
+    "MuJoCo models": ("keyframe", "base", "passive", "tree"),
+    "meshes": ("unit", "up", "keep"),
+    "recordings": ("resample", "velocities"),
 }
 """Options of a kind of file alone."""
 
@@ -84,7 +84,7 @@ def write_definition(
         raise ArgumentError(
             f"{path} exists, and may hold your edits. --force overwrites it; --out names another."
         )
-    kind = KINDS.get(source.suffix, "MuJoCo model")
+    kind = KINDS.get(source.suffix, "MuJoCo models")
     reading = {"unit": unit, "up": up, "keep": keep}
     options = reading | {"resample": resample, "velocities": velocities, "keyframe": keyframe}
     options |= {"base": base != "fixed", "passive": passive, "tree": tree is not None}
@@ -92,7 +92,7 @@ def write_definition(
     changes: dict[str, Any] = {"name": name} if name else {}
     if task is not None:
         changes["task"] = task
-    if kind == "MuJoCo model":
+    if kind == "MuJoCo models":
         proposal = propose(
             source,
             keyframe=keyframe,
@@ -109,13 +109,13 @@ def write_definition(
         raise ArgumentError(
             f"{path}: the TOML file must be beside {source.name}, in {source.parent or '.'}."
         )
-    elif kind == "mesh":
+    elif kind == "meshes":
         given = {key: value for key, value in reading.items() if value}
         proposal = propose_soft(source, check_table(given, source.name, MeshReading))
     else:
         # Proposing a step function's definition runs the file: the user asks for both.
         trust_file(source)
-        if kind == "recording":
+        if kind == "recordings":
             proposal = propose_recording(source, resample=resample, velocities=velocities)
         else:
             proposal = propose_function(source)
@@ -155,7 +155,7 @@ def _refuse_others(file: str, kind: str, given: list[str]) -> None:
     for other, names in OPTIONS.items():
         wrong = [f"--{name}" for name in names if name in given]
         if wrong and other != kind:
-            raise ArgumentError(f"{file}: {listed(wrong)} are for {other}s. Leave them out.")
+            raise ArgumentError(f"{file}: {listed(wrong)} are for {other}. Leave them out.")
 
 
 def _copy_from_gymnasium(
