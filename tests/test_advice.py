@@ -16,7 +16,7 @@ from typer.main import get_command
 
 from neuroanimator.cli.verbs import app
 from neuroanimator.files.sources import SOURCES
-from neuroanimator.scaffold.write_toml import MESHES, PROPOSERS
+from neuroanimator.scaffold.write_toml import KINDS
 
 ROOT = Path(__file__).parents[1]
 
@@ -91,7 +91,7 @@ def test_what_messages_tell_to_install_or_make_is_there():
 
 
 def test_a_file_that_new_reads_is_told_from_one_that_is_damaged():
-    assert {*PROPOSERS, *MESHES, ".xml", ".urdf"} == set(SOURCES)
+    assert {*KINDS, ".xml", ".urdf"} == set(SOURCES)
 
 
 @pytest.mark.parametrize("verb", ["train", "generate", "policy", "evaluate", "info", "animate"])

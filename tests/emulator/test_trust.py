@@ -98,6 +98,8 @@ def test_a_batch_is_scored_row_by_row_and_as_in_jax(shipped: Emulator, unseen: T
     controls = unseen.controls[:40, 0].astype(float)
     scores = shipped.trust(states, controls)
     assert scores.shape == (40,)
+    held = np.broadcast_to(controls[0], controls.shape)
+    np.testing.assert_array_equal(shipped.trust(states, held), shipped.trust(states, held.copy()))
     rows = [shipped.trust(*row) for row in zip(states, controls, strict=True)]
     np.testing.assert_allclose(scores, rows, rtol=1e-4)
     in_jax = jax.vmap(trust, (None, 0, 0))(shipped, np.float32(states), np.float32(controls))

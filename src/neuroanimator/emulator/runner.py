@@ -229,7 +229,7 @@ def run_trust(
             f"state and control: wanted as many of one as of the other, got {states.shape} with {controls.shape}."
         )
     with too_large_is_infinite():
-        held = as_rows(controls).astype(_dtype(emulator))
+        held = np.ascontiguousarray(as_rows(controls), _dtype(emulator))
         _, scores = _trusted(emulator, np.ascontiguousarray(as_rows(states)), held[:, None])
     scores = scores.reshape(states.shape[:-1])
     is_number = (np.abs(states) <= MAX_MAGNITUDE).all(axis=-1)
