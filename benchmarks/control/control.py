@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.control.control_plot import draw_runs
 from benchmarks.control.control_table import DIGITS, QUICK, THOROUGH, measure_tasks
 from benchmarks.harness import Rows, keep_rows, parser_of, quartiles, show_rows
 from neuroanimator import DescentOptions, descend, load_emulator, load_system
@@ -31,15 +30,6 @@ ITERATIONS = (20, 100)
 
 TRIALS = 12
 """Number of trials over which medians are taken."""
-
-
-def task_rows(tasks: list[Task], is_quick: bool, plot: Path | None) -> Rows:
-    """Return a row per task and method: the emulator's, then its baselines' on the true physics."""
-    budget = QUICK if is_quick else THOROUGH
-    rows, panels = measure_tasks(tasks, budget)
-    if plot:
-        draw_runs(panels, plot)
-    return rows
 
 
 def descent_rows(tasks: list[Task], is_quick: bool) -> Rows:
@@ -122,13 +112,12 @@ def main() -> None:
     parser.add_argument(
         "--tasks", help="only these, such as fish-turn,truck-park; others' rows stay as they are"
     )
-    parser.add_argument("--plot", type=Path, help="also draw how J fell, as a PNG (tasks)")
     parser.add_argument("--json", action="store_true", help="print all columns as JSON")
     options = parser.parse_args()
     tasks = chosen_tasks(options.tasks)
     columns: tuple[str, ...] = ()
     if options.part == "tasks":
-        rows = task_rows(tasks, options.quick, options.plot)
+        rows = measure_tasks(tasks, QUICK if options.quick else THOROUGH)
         columns = PRINTED
     else:
         rows = descent_rows(tasks, options.quick)

@@ -10,7 +10,6 @@ import numpy as np
 
 from benchmarks.control.baselines.ilqr import is_usable_on
 from benchmarks.control.baselines.run_baseline import BASELINES, BaselineRun, run_baseline
-from benchmarks.control.control_plot import Panel
 from benchmarks.control.first_controller import cold_seconds
 from benchmarks.control.solve_trial import gradient_cosine, solve_trial
 from benchmarks.harness import quartiles
@@ -87,21 +86,18 @@ class Solved:
         return self.trial.is_success(self.synthesis.outcome.physics_states)
 
 
-def measure_tasks(tasks: list[Task], budget: ControlBudget) -> tuple[Rows, list[Panel]]:
-    """Return (a row per task and method, what is drawn of each task)."""
-    rows = []
-    panels = []
+def measure_tasks(tasks: list[Task], budget: ControlBudget) -> Rows:
+    """Return a row per task and method: the emulator's, then its baselines' on the true physics."""
+    rows: Rows = []
     with progress_bar("tasks", len(tasks)) as bar:
-        for task in tasks:
-            bar.advance_to(len(panels), task.name)
-            task_rows, panel = measure_task(task, budget)
-            rows += task_rows
-            panels.append(panel)
-    return rows, panels
+        for number, task in enumerate(tasks):
+            bar.advance_to(number, task.name)
+            rows += measure_task(task, budget)
+    return rows
 
 
-def measure_task(task: Task, budget: ControlBudget) -> tuple[Rows, Panel]:
-    """Return the emulator's row and its baselines', and their first runs; compiling is not counted on either side."""
+def measure_task(task: Task, budget: ControlBudget) -> Rows:
+    """Return the emulator's row and its baselines'; compiling is not counted on either side."""
     solver = Solver.shipped(task)
     solve_trial(solver, solver.draw(WARM_UP_TRIAL), is_warm_up=True)
     solved = [_solve(solver, number) for number in range(budget.trials)]
@@ -113,12 +109,8 @@ def measure_task(task: Task, budget: ControlBudget) -> tuple[Rows, Panel]:
     for number, one_solved in enumerate(solved[: budget.cosines]):
         cosines.append(gradient_cosine(solver, one_solved.trial, number))
     emulator_row = row_of_emulator(solver, solved, cosines) | speed_up(compared, runs)
-    rows = [emulator_row]
-    for name, runs_of_name in runs.items():
-        rows.append(row_of_baseline(task, name, runs_of_name))
-    first_runs = [runs_of_name[0] for runs_of_name in runs.values()]
-    panel = Panel(task.name, compared[0].synthesis, compared[0].seconds, first_runs)
-    return rows, panel
+    of_baselines = [row_of_baseline(task, name, of_name) for name, of_name in runs.items()]
+    return [emulator_row, *of_baselines]
 
 
 def _solve(solver: Solver, number: int) -> Solved:
