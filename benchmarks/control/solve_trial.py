@@ -21,6 +21,16 @@ RANDOM_CONTROLS = 6
 """Number joined to that of a trial as the seed of the controls at which its gradient is checked."""
 
 
+def descent_of(solver: Solver, trial: Trial) -> DescentOptions:
+    """Return the options of a descent in `trial`, as its task says."""
+    return DescentOptions(
+        method=solver.task.method,
+        starts=solver.task.starts,
+        first=trial.first,
+        parametrisation=solver.parametrisation,
+    )
+
+
 def solve_trial(
     solver: Solver, trial: Trial, *, is_warm_up: bool = False
 ) -> tuple[Synthesis, float]:
@@ -29,13 +39,7 @@ def solve_trial(
     A warm-up compiles everything that may be needed: it corrects once in any case.
     """
     began = time.perf_counter()
-    task = solver.task
-    descent = DescentOptions(
-        method=task.method,
-        starts=task.starts,
-        first=trial.first,
-        parametrisation=solver.parametrisation,
-    )
+    descent = descent_of(solver, trial)
     options = SearchOptions(descent, corrections=1)
     if not is_warm_up:
         options = SearchOptions(

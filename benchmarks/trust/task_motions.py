@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.control.solve_trial import descent_of
 from neuroanimator import Emulator
 from neuroanimator.control.descent.descend import descend
-from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.learn.tasks.all_tasks import TASKS
 from neuroanimator.learn.tasks.solver import Solver
@@ -54,13 +54,7 @@ def task_motions(emulator: Emulator, system: System, trials: range) -> UnseenRun
 
 def _solved(solver: Solver, trial: Trial) -> UnseenRuns | None:
     """Return the best motions a descent comes to; None where the task cannot be descended from there."""
-    task = solver.task
-    options = DescentOptions(
-        method=task.method,
-        starts=task.starts,
-        first=trial.first,
-        parametrisation=solver.parametrisation,
-    )
+    options = descent_of(solver, trial)
     try:
         found = descend(
             solver.emulator, trial.objective, trial.start, steps=solver.steps, options=options
