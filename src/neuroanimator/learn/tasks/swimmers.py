@@ -253,27 +253,27 @@ def ahead(pose: Pose, angle: float) -> np.ndarray:
 def upright_tasks(
     system: str, swim_by: dict[str, Any], turn_by: dict[str, Any], reach_by: dict[str, Any]
 ) -> tuple[Task, ...]:
-    """Return the tasks shared by all swimmers; the arguments are the fields of `Task` on what each varies and how."""
+    """Return the tasks shared by all swimmers; the arguments are the fields of `Task` that differ, such as what each varies."""
     upright = f"rolled by less than {math.degrees(ROLL_WITHIN):.0f}° over the last period"
     turned = (
         f"points within {math.degrees(HEADING_WITHIN):.0f}° of the heading at the end, {upright}"
     )
     farther = f"gets {FASTER_THAN_GAIT} times as far as by its gait, {upright}"
     near = f"ends within {TARGET_WITHIN} body lengths of the target, {upright}"
-    substeps = SHIPPED_SYSTEMS[system].substeps[0]
+    given = {"seconds": SECONDS, "system": system, "substeps": SHIPPED_SYSTEMS[system].substeps[0]}
     return (
-        Task(f"{system}-swim", system, substeps, SECONDS, farther, swim, **swim_by),
-        Task(f"{system}-turn", system, substeps, SECONDS, turned, turn, **turn_by),
-        Task(f"{system}-reach", system, substeps, SECONDS, near, reach, **reach_by),
+        Task(f"{system}-swim", success=farther, draw=swim, **(given | swim_by)),
+        Task(f"{system}-turn", success=turned, draw=turn, **(given | turn_by)),
+        Task(f"{system}-reach", success=near, draw=reach, **(given | reach_by)),
     )
 
 
-def fish_tasks(system: str) -> tuple[Task, ...]:
+def fish_tasks(system: str, turn_by: dict[str, Any]) -> tuple[Task, ...]:
     """Return the tasks of a small swimmer."""
     return upright_tasks(
         system,
         swim_by={"is_periodic": True, "method": "adam"},
-        turn_by={"knots": 16},
+        turn_by=turn_by,
         reach_by={"is_periodic": True},
     )
 
@@ -282,8 +282,9 @@ SECONDS = 3.0
 """Duration of motions [s]: long enough for the dolphin to rise from its initial depth, and for the fish to swim its length."""
 
 SWIMMER_TASKS = (
-    *fish_tasks("fish"),
-    *fish_tasks("trout"),
+    *fish_tasks("fish", turn_by={"knots": 16}),
+    # Flesh bends more slowly: a turn of 90° takes more than 3 s.
+    *fish_tasks("trout", turn_by={"is_periodic": True, "seconds": 4.0}),
     *upright_tasks(
         "dolphin",
         swim_by={"method": "adam"},
