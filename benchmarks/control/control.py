@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -112,12 +113,14 @@ def main() -> None:
     parser.add_argument(
         "--tasks", help="only these, such as fish-turn,truck-park; others' rows stay as they are"
     )
+    parser.add_argument("--trials", type=int, default=100, help="random starts of each task")
     parser.add_argument("--json", action="store_true", help="print all columns as JSON")
     options = parser.parse_args()
     tasks = chosen_tasks(options.tasks)
     columns: tuple[str, ...] = ()
     if options.part == "tasks":
-        rows = measure_tasks(tasks, QUICK if options.quick else THOROUGH)
+        budget = replace(QUICK if options.quick else THOROUGH, trials=options.trials)
+        rows = measure_tasks(tasks, budget)
         columns = PRINTED
     else:
         rows = descent_rows(tasks, options.quick)

@@ -126,7 +126,7 @@ class GaitTable(Table):
         """Return the values without a share that says nothing: older datasets of the same gait are still its data."""
         values = write(self)
         if self.share == GAIT_SHARE:
-            del values["share"]
+            values.pop("share", None)
         return values
 
 

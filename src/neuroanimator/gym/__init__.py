@@ -44,7 +44,7 @@ __all__ = [
 TASK_NAMES = (
     "pendulum-swing-up", "truck-park", "lander-land",
     "fish-swim", "fish-turn", "fish-reach", "trout-swim", "trout-turn", "trout-reach",
-    "dolphin-swim", "dolphin-turn", "dolphin-reach", "dolphin-leap",
+    "dolphin-swim", "dolphin-turn", "dolphin-reach", "dolphin-leap", "orca-leap",
 )  # fmt: skip
 """Tasks that have environments; listed here, so that registering them imports no physics."""
 

@@ -78,6 +78,18 @@ FACE_DRAG = 800.0
 SWIMMER_DAMPING = 4e-3
 """Internal friction of flesh [s]."""
 
+STROKE = 0.33
+"""Period of a proposed gait [s]: muscles follow as fast in a large body as in a small one."""
+
+STROKE_LAG = 1.0
+"""Lag of the rearmost muscle behind the foremost [rad]."""
+
+OFF_CENTRE = 0.2
+"""Distance from the middle at which a muscle is on a side, over that of the muscle farthest from it."""
+
+TAIL = 0.15
+"""Share of a body's length that counts as its tail."""
+
 PADDLE = (0.1, 0.4, 0.4)
 """Half the size of the paddle, over the size of the body."""
 
@@ -108,6 +120,7 @@ COMMENTS = {
     "ground": "A level plane: height [m].",
     "muscles": "Groups of tetrahedra that shorten along a direction: each is a control from 0 to 1.",
     "water": "Water: drag of faces [kg/(m²·s)], height of the centre of buoyancy over that of mass [m].",
+    "gait": "The default way to swim: amplitude of each muscle, and its lag behind the first [rad]; period of a stroke [s].",
     "sampling": "Random starts of training runs.",
     "air": "Air: drag [1/s], density [kg/m³], wind [m/s].",
     "movers": "What moves: a control is its velocity, at most `speed` [m/s], and its turning rate. Its colliders strike; "
@@ -275,10 +288,12 @@ def _solid_values(positions: Points, size: float) -> dict[str, Any]:
 def _swimmer_values(mesh: Mesh, size: float) -> dict[str, Any]:
     """Return the material, the muscles and the water of a solid whose mesh has groups."""
     along = {}
+    centres = []
     for number, name in enumerate(mesh.groups):
-        inside = mesh.elements[mesh.members == number]
-        along[name] = _rounded(_longest_axis(mesh.positions[inside].mean(axis=1)))
-    return {
+        inside = mesh.positions[mesh.elements[mesh.members == number]].mean(axis=1)
+        along[name] = _rounded(_longest_axis(inside))
+        centres.append(inside.mean(axis=0))
+    own = {
         "shapes": 32,
         "solid": _solid(size) | {"damping": SWIMMER_DAMPING},
         "muscles": {"along": along},
@@ -293,6 +308,27 @@ def _swimmer_values(mesh: Mesh, size: float) -> dict[str, Any]:
             "tilt": 0.5,
         },
     }
+    gait = _gait(mesh.positions, dict(zip(along, centres, strict=True)))
+    return own | ({"gait": gait} if gait else {})
+
+
+def _gait(positions: Points, muscles: dict[str, Float[np.ndarray, " 3"]]) -> dict[str, Any]:
+    """Return a wave of the `muscles`, by the centre of each [m], towards the tail; nothing if all are on one side.
+
+    The tail beats across its broad side: those of a fish pull in turn on the left and on the right, those of a dolphin above
+    and below.
+    """
+    rear = positions[:, 0] < positions[:, 0].min() + TAIL * np.ptp(positions[:, 0])
+    width, height = np.ptp(positions[rear, 1:], axis=0)
+    centres = np.array(list(muscles.values())) - positions.mean(axis=0)
+    across = centres[:, 2 if width > height else 1]
+    sides = np.where(np.abs(across) > OFF_CENTRE * np.abs(across).max(), np.sign(across), 0.0)
+    if not sides.min() < 0 < sides.max():
+        return {}
+    behind = centres[:, 0].max() - centres[:, 0]
+    lags = STROKE_LAG * behind / max(behind.max(), np.finfo(float).tiny)
+    waves = np.stack([sides, lags], axis=1).round(2).tolist()
+    return {"period": STROKE, "controls": dict(zip(muscles, waves, strict=True))}
 
 
 def _solid(size: float) -> dict[str, float]:

@@ -320,6 +320,35 @@ def test_new_proposes_muscles_from_the_groups_of_a_mesh(tmp_path: Path):
     assert path.read_text().count("[muscles.along]") == 1
 
 
+def test_new_proposes_a_gait_that_swims_straight_ahead(tmp_path: Path):
+    (tmp_path / "trout.msh").write_text(mesh_text())
+    path, proposal = write_definition(str(tmp_path / "trout.msh"))
+    waves = proposal.definition.gait.controls
+    for name, (amplitude, lag) in waves.items():
+        mirrored = name[:-2] + {"l": "r", "r": "l"}[name[-2]] + name[-1]
+        assert waves[mirrored] == (-amplitude, lag)  # its tail is higher than wide
+        assert amplitude == (1 if name[-2] == "l" else -1)
+    assert waves["front_lu"][1] < 0.1 < waves["middle_lu"][1] < waves["back_lu"][1] == 1.0
+    system = na.load_system(str(path))
+    dt = 40 * system.physics_dt
+    controls = system.gait.controls(round(3 / dt), dt, system.bounds)
+    states = system.simulate_fastest(system.rest[None], controls[None], dt).states[0]
+    ahead, aside = states[-1, :2] - states[0, :2]
+    assert ahead > 0.7 * system.scene.size
+    assert abs(aside) < 0.1 * ahead
+
+
+def test_muscles_on_one_side_alone_get_no_gait(tmp_path: Path):
+    text = mesh_text()
+    for name in MUSCLES:
+        if not name.endswith("lu"):
+            text = text.replace(f'"{name}"', f'"no muscle {name}"')
+    (tmp_path / "trout.msh").write_text(text)
+    _, proposal = write_definition(str(tmp_path / "trout.msh"))
+    assert len(proposal.definition.muscles.along) == 3
+    assert proposal.definition.gait is None
+
+
 MATERIALS = {
     "a name of two words": ('"front_lu"', '"Upper left muscle"'),
     "a name that moves the cursor": ('"front_lu"', '"\\x1b[2Afront"'),

@@ -1,4 +1,4 @@
-"""Tasks of fish, trout and dolphin."""
+"""Tasks of fish, trout, dolphin and orca."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ ERRORS_PER_TOLERANCE = 3
 """Error of a cost per tolerance: a third of a tolerance is an error of one."""
 
 LEAP_HEIGHT = 0.15
-"""Minimum height of a leap: that of the dolphin's centroid above the surface [body lengths]."""
+"""Minimum height of a leap: that of the body's centroid above the surface [body lengths]."""
 
 LEAP_MARGIN = 1.5
 """Ratio of the height a leap aims at to the height it must reach."""
@@ -64,8 +64,11 @@ LEAP_TIME = 0.8
 FIRST_STRENGTH = 0.7
 """Strength of the gait in first guesses: at full strength its muscles are at their bounds."""
 
-DEPTHS = (-3.0, -1.5)
-"""Minimum and maximum height at the start of bodies that live under a surface [m]."""
+DEPTHS = (1.5 / 2.6, 3.0 / 2.6)
+"""Minimum and maximum depth at the start of bodies that live under a surface, from 1.5 to 3 m of the dolphin [body lengths]."""
+
+STARTS_AT_ONCE = 16
+"""Number of starts drawn side by side for flesh under a surface: most are at another depth, and its physics is expensive."""
 
 ROLL_WITHIN = math.radians(30.0)
 """Maximum roll of a successful motion [rad]."""
@@ -156,7 +159,7 @@ def reach(system: System, rng: np.random.Generator, steps: int, dt: float) -> Tr
 
 
 def leap(system: System, rng: np.random.Generator, steps: int, dt: float) -> Trial:
-    """Draw a dolphin under the surface; near the end it is to be in the air, back up. It may pitch freely."""
+    """Draw a swimmer under the surface; near the end it is to be in the air, back up. It may pitch freely."""
     start = swimming_start(system, rng)
     length = body_length(system)
     height = LEAP_HEIGHT * length
@@ -190,15 +193,24 @@ def swimming_start(system: System, rng: np.random.Generator) -> np.ndarray:
     A system without weight has no up and down and swims at any orientation: it is turned upright as a whole, which changes
     nothing else.
     """
+    is_dear = system.structure.swimmer is not None and system.water_surface is not None
     while True:
-        start = sample_starts(system, rng, 1)[0]
-        if not system.structure.has_gravity:
-            assert isinstance(system, DeformableSystem)
-            return turned_upright(system, start)
-        pose = read_pose(system.structure, start)
-        is_deep = DEPTHS[0] < pose.position[2] < DEPTHS[1] or system.water_surface is None
-        if is_deep and abs(pose.forward[2]) < LEVEL_WITHIN and pose.upward[2] > UPRIGHT_WITHIN:
-            return start
+        for start in sample_starts(system, rng, STARTS_AT_ONCE if is_dear else 1):
+            if not system.structure.has_gravity:
+                assert isinstance(system, DeformableSystem)
+                return turned_upright(system, start)
+            pose = read_pose(system.structure, start)
+            is_level = abs(pose.forward[2]) < LEVEL_WITHIN and pose.upward[2] > UPRIGHT_WITHIN
+            if is_level and is_deep(system, pose):
+                return start
+
+
+def is_deep(system: System, pose: Pose) -> bool:
+    """Return whether a swimmer is at one of the `DEPTHS`; at any, if its water has no surface."""
+    if system.water_surface is None:
+        return True
+    depth = (system.water_surface - pose.position[2]) / body_length(system)
+    return bool(DEPTHS[0] < depth < DEPTHS[1])
 
 
 def turned_upright(system: DeformableSystem, state: np.ndarray) -> np.ndarray:
@@ -278,6 +290,13 @@ def fish_tasks(system: str, turn_by: dict[str, Any]) -> tuple[Task, ...]:
     )
 
 
+def leap_task(system: str, seconds: float) -> Task:
+    """Return the task of a swimmer that leaves the water."""
+    success = f"its centroid rises {LEAP_HEIGHT} body lengths out of the water, there rolled by less than 30°"
+    substeps = SHIPPED_SYSTEMS[system].substeps[0]
+    return Task(f"{system}-leap", system, substeps, seconds, success, leap, method="adam")
+
+
 SECONDS = 3.0
 """Duration of motions [s]: long enough for the dolphin to rise from its initial depth, and for the fish to swim its length."""
 
@@ -291,13 +310,6 @@ SWIMMER_TASKS = (
         turn_by={"knots": 30},
         reach_by={"is_periodic": True},
     ),
-    Task(
-        "dolphin-leap",
-        "dolphin",
-        50,
-        SECONDS,
-        f"its centroid rises {LEAP_HEIGHT} body lengths out of the water, there rolled by less than 30°",
-        leap,
-        method="adam",
-    ),
+    leap_task("dolphin", SECONDS),
+    leap_task("orca", 5.0),
 )
