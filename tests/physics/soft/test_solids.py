@@ -117,7 +117,7 @@ def test_a_state_put_together_and_taken_apart_is_the_same(jelly):
     again = taken_apart(jelly, states)
     root = jelly.state.index("orientation")
     states[:, root] *= np.sign((states[:, root] * again[:, root]).sum(axis=1))[:, None]
-    np.testing.assert_allclose(again, states, atol=2e-3)
+    np.testing.assert_allclose(again, states, atol=1e-6)
     decoded = np.moveaxis(jelly.motion(states).positions, -1, 0)
     decoded = decoded + states[:, None, jelly.state.index("position")]
     np.testing.assert_allclose(decoded, jelly.shapes.decode(states), atol=1e-9)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.binding import NO_ROTATION
+from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import ColliderTable, MoverTable, SoftDefinition
@@ -20,7 +21,7 @@ from neuroanimator.physics.soft.find_shapes import RestingShapes
 from neuroanimator.physics.soft.flex_model import geoms_below
 from neuroanimator.physics.soft.flex_scene import FlexScene
 from neuroanimator.physics.soft.mirror import odd_modes
-from neuroanimator.physics.soft.own_frame import ManyPoints
+from neuroanimator.physics.soft.own_frame import ManyPoints, seen_from_root
 from neuroanimator.physics.soft.scene import Scene
 from neuroanimator.physics.soft.soft_scene import WORLD, Motion
 from neuroanimator.physics.soft.throws import random_roots
@@ -94,8 +95,8 @@ class SoftSystem(System):
         """`scene` is that of the definition, `definition_text` the text from which the system can be made again."""
         self.name = definition.name
         self.definition_text = definition_text
-        self.shapes = found.shapes
         self.scene = scene
+        self.shapes = self._without_rigid_motion(found.shapes) if self.is_free else found.shapes
         self.rest = found.rest
         self.parameters = scene.parameters
         if scene.muscles:
@@ -143,6 +144,15 @@ class SoftSystem(System):
     def is_free(self) -> bool:
         """Whether nothing holds the body."""
         return self.scene.anchor == FREE
+
+    def _without_rigid_motion(self, shapes: Shapes) -> Shapes:
+        """Return the shapes without the shift and the turn of the whole body that rounded modes carry.
+
+        Those belong to the root: a body put together with them would be taken apart into another state.
+        """
+        still = np.broadcast_to(shapes.mean, shapes.modes.shape)
+        own = seen_from_root(still, shapes.modes, shapes.mean, self.scene.masses)
+        return replace(shapes, modes=own.velocities)
 
     def _structure(self, contact_nodes: int) -> Structure:
         first = self.shapes.first
