@@ -16,6 +16,7 @@ from neuroanimator.physics.loading import resolve
 from neuroanimator.physics.soft.soft_system import SoftSystem
 from neuroanimator.state.links import Joint
 from neuroanimator.state.placement import Placement
+from neuroanimator.state.rotation import facing
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -87,6 +88,12 @@ def moving_states(system: SoftSystem) -> np.ndarray:
     controls = system.sample_paths(rng, count, steps, dt, starts)
     states = system.simulate(starts, controls, dt).states
     return rng.permutation(states[:, 1:].reshape(count * steps, -1))
+
+
+def poses_of(headed: np.ndarray) -> np.ndarray:
+    """Return poses (F, M, 7, ...) of movers with positions [m] and headings [rad] (F, M, 4, ...)."""
+    turned = np.moveaxis(facing(headed[:, :, 3]), -1, 2)
+    return np.concatenate([headed[:, :, :3], turned], axis=2)
 
 
 def hasty_emulator(toml: Path, folder: Path, substeps: int | None = None) -> Emulator:

@@ -19,6 +19,7 @@ from neuroanimator.learn.evaluation.speed import interleaved
 from neuroanimator.physics.soft.program import LANES, MuscleMotion
 from neuroanimator.physics.soft.scene import Motion, Scene
 from neuroanimator.physics.soft.soft_system import SoftSystem
+from neuroanimator.state.mover_poses import change_between
 from neuroanimator.state.parameters import draw_parameters
 from neuroanimator.terminal import progress_bar
 
@@ -49,7 +50,7 @@ class Test(NamedTuple):
     dt: float
     """Super step [s]."""
     paths: Float[np.ndarray, "F D L"]
-    """Positions [m] and headings [rad] of movers, the start included."""
+    """Poses of movers, the start included."""
     given: Float[np.ndarray, "D L"]
     """Their rates before the start."""
     parameters: Float[np.ndarray, "Q L"]
@@ -86,12 +87,10 @@ def unseen(
     starts[:, system.parameter_entries] = draw_parameters(system.parameters, rng, LANES)
     parameters = starts[:, system.parameter_entries].T
     controls = system.sample_paths(rng, LANES, lead + length, dt)
-    size = system.scene.movers.size
-    muscles = controls[..., size:]
-    controls = controls[..., :size]
-    changes = np.concatenate([np.zeros_like(controls[:, :1]), controls], axis=1) * dt
-    movers = starts[:, None, :size] + np.cumsum(changes, axis=1)
-    paths = np.moveaxis(movers, 0, -1)
+    movers = system.scene.movers
+    muscles = controls[..., movers.rate_size :]
+    poses = movers.paths(starts[:, : movers.size], controls[..., : movers.rate_size], dt)
+    paths = np.moveaxis(poses, 0, -1)
     steps = system.truth.steps(dt)
     rest = system.motion(starts)
     at_rest = Motion(rest.positions + rest.origin, rest.velocities)
@@ -105,7 +104,7 @@ def unseen(
         steps = system.fine.steps(dt)
     truth, velocities = play(start, paths[lead:], dt, steps, parameters, driven)
     end = Motion(truth[-1].copy(), velocities[-1].copy())
-    given = (paths[lead] - paths[lead - 1]) / dt
+    given = change_between(paths[lead - 1].T, paths[lead].T, movers.quaternions).T / dt
     return Test(system, dt, paths[lead:], given, parameters, start, truth, end, driven)
 
 
@@ -120,8 +119,10 @@ def known_states(test: Test) -> Float[np.ndarray, "L S"]:
 
 def controls_of(test: Test) -> Float[np.ndarray, "L T D"]:
     """Return the controls that move the movers along the test's paths, and those of the muscles."""
-    rates = np.diff(test.paths, axis=0) / test.dt
-    return np.moveaxis(np.concatenate([rates, test.muscles.controls], axis=1), -1, 0)
+    poses = np.moveaxis(test.paths, -1, 0)
+    quaternions = test.system.scene.movers.quaternions
+    rates = change_between(poses[:, :-1], poses[:, 1:], quaternions) / test.dt
+    return np.concatenate([rates, np.moveaxis(test.muscles.controls, -1, 0)], axis=2)
 
 
 def emulated_states(emulator: na.Emulator, test: Test) -> Float[np.ndarray, "L F S"]:

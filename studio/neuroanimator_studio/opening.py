@@ -78,12 +78,12 @@ def wander(emulator: Emulator) -> Drive:
     turns = np.linspace(0, 2 * np.pi, steps + 1)[:, None]
     nearness = (1 - np.cos(VISITS * turns)) / 2
     striking = {collider.mover for collider in (*contacts.capsules, *contacts.boxes)}
-    paths = np.zeros((steps + 1, contacts.mover_size))
+    paths = np.zeros((steps + 1, contacts.rate_size))
     is_solid = _is_closed(shapes.faces)
     for number, mover in enumerate(contacts.movers):
-        axes = mover.entry + np.arange(mover.size)
+        axes = mover.rate + np.arange(mover.rate_size)
         is_shaken = is_solid and number == contacts.anchor
-        reach = np.full(mover.size, (SHAKE if is_shaken else SWAY) * size)
+        reach = np.full(mover.rate_size, (SHAKE if is_shaken else SWAY) * size)
         reach[3:] = TURN
         for waves in SHAKES if is_shaken else WAVES:
             paths[:, axes] += reach * np.cos(MIXTURE * axes + waves) * np.sin(waves * turns)
@@ -91,7 +91,7 @@ def wander(emulator: Emulator) -> Drive:
             # From rest to rest: it wobbles on after each time.
             paths[:, axes] *= np.sin(turns / 2) ** 2
         if number in striking and number != contacts.anchor:
-            paths[:, axes[:3]] += nearness * (middle - rest[axes[:3]])
+            paths[:, axes[:3]] += nearness * (middle - mover.placement.origin(rest))
     velocities = np.diff(paths, axis=0) / emulator.dt
     return Drive(rest, _well_within(emulator, velocities))
 

@@ -10,7 +10,7 @@ import pytest
 from soft_bodies import soft_clip, wavy_shapes
 
 import neuroanimator as na
-from neuroanimator.animation.recorded_path import read_path
+from neuroanimator.animation.recorded_path import headings_of, read_path
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.export.gltf.buffers import Buffer, as_float32, glb_bytes
 from neuroanimator.state.layout import Layout, Slice
@@ -51,9 +51,9 @@ def test_a_table_says_where_and_how_turned(tmp_path: Path):
     path = tmp_path / "walk.csv"
     path.write_text("time [s],x [m],y,z,heading\n1,0,0,1,3\n2,1,0,1,3.5\n3,2,-1,1,4\n")
     read = read_path(path)
-    positions, headings = read.at(np.array([1.0, 2.5]))
+    positions, orientations = read.at(np.array([1.0, 2.5]))
     np.testing.assert_allclose(positions, [[0, 0, 1], [1.5, -0.5, 1]])
-    np.testing.assert_allclose(headings, [3, 3.75])
+    np.testing.assert_allclose(headings_of(orientations), [3, 3.75])
 
 
 def test_a_path_in_other_notations_is_the_same_path(tmp_path: Path):
@@ -70,11 +70,13 @@ def test_a_path_in_other_notations_is_the_same_path(tmp_path: Path):
     (tmp_path / "other.csv").write_text("\n".join([header, *other]))
     wanted = read_path(tmp_path / "plain.csv")
     found = read_path(tmp_path / "other.csv")
-    assert wanted.headings is not None
+    assert wanted.orientations is not None
     np.testing.assert_allclose(found.times, wanted.times, atol=1e-3)
     np.testing.assert_allclose(np.diff(found.times), 1 / 60, rtol=1e-9)
     np.testing.assert_allclose(found.positions, wanted.positions, atol=1e-3)
-    np.testing.assert_allclose(found.headings, wanted.headings, atol=1e-6)
+    np.testing.assert_allclose(
+        headings_of(found.orientations), headings_of(wanted.orientations), atol=1e-6
+    )
 
 
 def test_headings_of_quaternions_do_not_jump(tmp_path: Path):
@@ -85,7 +87,7 @@ def test_headings_of_quaternions_do_not_jump(tmp_path: Path):
     ]
     path = tmp_path / "spin.csv"
     path.write_text("\n".join(["time,x,y,z,qw,qx,qy,qz", *rows]))
-    np.testing.assert_allclose(read_path(path).headings, angles, atol=1e-9)
+    np.testing.assert_allclose(headings_of(read_path(path).orientations), angles, atol=1e-9)
 
 
 def test_what_animate_writes_of_a_body_drives_another(tmp_path: Path):
@@ -101,17 +103,17 @@ def test_a_node_goes_with_what_it_hangs_from_and_z_is_up(tmp_path: Path):
     keys = np.array([0.0, 1.0])
     character(tmp_path / "c.glb", keys, np.array([[0.0, 0, 2], [3, 0, 2]]))
     read = read_path(f"{tmp_path}/c.glb:mixamorig:Spine")
-    positions, headings = read.at(np.array([0.0, 0.5, 1.0]))
+    positions, orientations = read.at(np.array([0.0, 0.5, 1.0]))
     np.testing.assert_allclose(positions, [[0, -2, 1], [1.5, -2, 1], [3, -2, 1]], atol=1e-6)
-    np.testing.assert_allclose(headings, 0, atol=1e-6)
+    np.testing.assert_allclose(headings_of(orientations), 0, atol=1e-6)
 
 
 def test_a_character_that_turns_left_turns_by_a_heading(tmp_path: Path):
     turn = np.array([[0.0, 0, 0, 1], [0, QUARTER, 0, QUARTER]])
     character(tmp_path / "c.glb", np.array([0.0, 1.0]), turn, target="rotation")
     read = read_path(f"{tmp_path}/c.glb:mixamorig:Spine")
-    _, headings = read.at(np.array([0.0, 0.5, 1.0]))
-    np.testing.assert_allclose(headings, [0, np.pi / 4, np.pi / 2], atol=1e-6)
+    _, orientations = read.at(np.array([0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(headings_of(orientations), [0, np.pi / 4, np.pi / 2], atol=1e-6)
 
 
 def test_steps_stay_and_cubics_go_through_their_keys_at_their_slopes(tmp_path: Path):

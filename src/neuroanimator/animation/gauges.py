@@ -12,6 +12,7 @@ from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.state.layout import entry_names, entry_units
 from neuroanimator.state.links import Joint, Numbers
+from neuroanimator.state.rotation import NO_ROTATION
 
 MAX_GAUGES = 24
 """Maximum number of state entries shown; more would be too small to read."""
@@ -43,9 +44,6 @@ ANGLE = "rad"
 FACE: Numbers = (0.80, 0.82, 0.85, 1.0)
 MARK: Numbers = (0.35, 0.38, 0.42, 1.0)
 HAND: Numbers = (0.87, 0.42, 0.13, 1.0)
-
-UPRIGHT: Numbers = (1.0, 0.0, 0.0, 0.0)
-"""The identity quaternion."""
 
 FACING: Numbers = (float(np.sqrt(0.5)), float(np.sqrt(0.5)), 0.0, 0.0)
 """The quaternion that turns a cylinder's axis from z to y, towards the viewer."""
@@ -122,8 +120,8 @@ def _pointer(name: str, middle: Numbers, entry: int) -> list[Bone]:
     for tick in range(TICKS):
         dial.append(_tick(2 * np.pi * tick / TICKS, is_zero=tick == 0))
     # Down from the middle, so that it hangs at angle 0.
-    hand = Shape("capsule", (0.025, REACH / 2), (0.0, 0.0, -REACH / 2), UPRIGHT, HAND)
-    pin = Shape("sphere", (0.05,), (0.0, 0.0, 0.0), UPRIGHT, HAND)
+    hand = Shape("capsule", (0.025, REACH / 2), (0.0, 0.0, -REACH / 2), NO_ROTATION, HAND)
+    pin = Shape("sphere", (0.05,), (0.0, 0.0, 0.0), NO_ROTATION, HAND)
     turn = Joint("hinge", entry, TOWARDS_VIEWER, (0.0, 0.0, 0.0))
     return [_face(f"{name} dial", middle, dial), _mover(name, middle, turn, [hand, pin])]
 
@@ -139,10 +137,10 @@ def _tick(angle: float, *, is_zero: bool) -> Shape:
 
 def _slider(name: str, middle: Numbers, entry: int) -> list[Bone]:
     """Return a rail with its ends, and the knob on it that the state entry moves."""
-    rail = [Shape("box", (0.05, THICKNESS, REACH), (0.0, 0.0, 0.0), UPRIGHT, FACE)]
+    rail = [Shape("box", (0.05, THICKNESS, REACH), (0.0, 0.0, 0.0), NO_ROTATION, FACE)]
     for end in (-REACH, REACH):
-        rail.append(Shape("box", (0.14, THICKNESS, 0.01), (0.0, 0.0, end), UPRIGHT, MARK))
-    knob = Shape("box", (0.12, 0.03, 0.04), (0.0, 0.0, 0.0), UPRIGHT, HAND)
+        rail.append(Shape("box", (0.14, THICKNESS, 0.01), (0.0, 0.0, end), NO_ROTATION, MARK))
+    knob = Shape("box", (0.12, 0.03, 0.04), (0.0, 0.0, 0.0), NO_ROTATION, HAND)
     slide = Joint("slide", entry, UP, (0.0, 0.0, 0.0))
     return [_face(f"{name} rail", middle, rail), _mover(name, middle, slide, [knob])]
 
@@ -153,10 +151,10 @@ def _face(name: str, middle: Numbers, shapes: list[Shape]) -> Bone:
     Cameras look at what can move, so it is attached to a joint whose number never changes.
     """
     held = Joint("slide", 0, UP, (0.0, 0.0, 0.0))
-    return Bone(name, -1, middle, UPRIGHT, (held,), tuple(shapes))
+    return Bone(name, -1, middle, NO_ROTATION, (held,), tuple(shapes))
 
 
 def _mover(name: str, middle: Numbers, joint: Joint, shapes: list[Shape]) -> Bone:
     """Return the moving part of a gauge."""
     x, y, z = middle
-    return Bone(name, -1, (x, y - BEFORE, z), UPRIGHT, (joint,), tuple(shapes))
+    return Bone(name, -1, (x, y - BEFORE, z), NO_ROTATION, (joint,), tuple(shapes))

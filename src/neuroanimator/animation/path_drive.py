@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.motion import STEP_ROUNDING, Drive
-from neuroanimator.animation.recorded_path import RecordedPath, read_path
+from neuroanimator.animation.recorded_path import RecordedPath, headings_of, read_path
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.state.rotation import facing, rotate
-from neuroanimator.state.segments import Driven
+from neuroanimator.files.glb import read_glb
+from neuroanimator.state.mover_poses import Mover, change_between, moved
+from neuroanimator.state.rotation import (
+    NO_ROTATION,
+    conjugate,
+    continuous,
+    heading_of,
+    multiply,
+    rotate,
+)
 from neuroanimator.text import did_you_mean, listed, quoted
 
 AXES = "xyz"
 """Axes of a position."""
-
-TURNING = "_turning"
-"""Suffix of a mover's turning rate in the control, if it turns."""
 
 SPEEDS = (0.01, 100.0)
 """Minimum and maximum playback speed of a path."""
@@ -43,30 +48,17 @@ TURNS = 0.35
 
 
 @dataclass(frozen=True, eq=False)
-class DrivenMover:
-    """A thing that the controls move by its velocity, and by its turning rate if it turns."""
-
-    name: str
-    entries: list[int]
-    """State entries of its position [m], and of its heading [rad] if it turns; the same entries of a control are their rates."""
-
-    @property
-    def turns(self) -> bool:
-        """Whether the mover has a heading."""
-        return len(self.entries) > len(AXES)
-
-
-@dataclass(frozen=True, eq=False)
 class Follower:
     """A mover and its poses, one per super step."""
 
-    mover: DrivenMover
+    name: str
+    mover: Mover
     poses: Float[np.ndarray, "F D"]
-    """Positions [m], and headings [rad] if it turns."""
+    """Positions [m], and headings [rad] or quaternions if it turns."""
 
-    def rates(self, dt: float) -> Float[np.ndarray, "T D"]:
+    def rates(self, dt: float) -> Float[np.ndarray, "T R"]:
         """Return the velocities that lead from each pose to the next [m/s], and turning rates [rad/s]."""
-        return np.diff(self.poses, axis=0) / dt
+        return change_between(self.poses[:-1], self.poses[1:], self.mover.own_quaternions) / dt
 
 
 def path_drive(
@@ -99,33 +91,43 @@ def path_drive(
     followers = []
     remarks = []
     for name, path in recorded.items():
-        follower, remark = _follower(emulator, movers[name], path, times)
+        follower, remark = _follower(emulator, name, movers[name], path, times)
         remarks += remark
         remarks += _remarks_on_speed(emulator, follower, path, speed)
         followers.append(follower)
     controls = np.repeat(emulator.bounds.idle[None], len(times) - 1, axis=0)
     for follower in followers:
-        controls[:, follower.mover.entries] = follower.rates(emulator.dt)
+        controls[:, follower.mover.rates] = follower.rates(emulator.dt)
     return Drive(_start(emulator, followers), controls, tuple(remarks))
 
 
-def movers_of(emulator: Emulator) -> dict[str, DrivenMover]:
+def bone_paths(emulator: Emulator, file: str | Path) -> dict[str, RecordedPath]:
+    """Return the paths of all movers that are called as a node of a GLB file, along its first animation.
+
+    Raises ArgumentError if there is none, BadFileError for a faulty file.
+    """
+    movers = movers_of(emulator)
+    nodes = {str(node.get("name")) for node in read_glb(Path(file)).objects("nodes")}
+    found = {name: read_path(f"{file}:{name}") for name in movers if name in nodes}
+    if not found:
+        raise ArgumentError(
+            f"path: no node of {file} is called as a mover. Movers: {listed(movers) or 'none'}; nodes: {listed(sorted(nodes))}. "
+            "Give MOVER=FILE.glb:NODE."
+        )
+    return found
+
+
+def movers_of(emulator: Emulator) -> dict[str, Mover]:
     """Return the movers of a soft body by name; other systems have none."""
-    if not any(isinstance(segment, Driven) for segment in emulator.frame.segments):
+    contacts = emulator.frame.shape_contacts
+    if contacts is None:
         return {}
-    movers = {}
     states = {part.name for part in emulator.state.slices}
-    controls = {part.name for part in emulator.control.slices}
-    for part in emulator.control.slices:
-        if part.name in states and part.size == len(AXES):
-            # Poses of movers come first in a state, as their rates do in a control.
-            first = emulator.control.index(part.name).start
-            count = len(AXES) + (f"{part.name}{TURNING}" in controls)
-            movers[part.name] = DrivenMover(part.name, list(range(first, first + count)))
-    return movers
+    names = [part.name for part in emulator.control.slices if part.name in states]
+    return dict(zip(names, contacts.movers, strict=True))
 
 
-def _check_mover(emulator: Emulator, movers: Mapping[str, DrivenMover], name: str) -> None:
+def _check_mover(emulator: Emulator, movers: Mapping[str, Mover], name: str) -> None:
     if not movers:
         raise ArgumentError(
             f"path: {emulator.system} has no movers, only soft bodies have. Give --controls instead."
@@ -156,22 +158,41 @@ def _times(
 
 
 def _follower(
-    emulator: Emulator, mover: DrivenMover, path: RecordedPath, times: Float[np.ndarray, " F"]
+    emulator: Emulator,
+    name: str,
+    mover: Mover,
+    path: RecordedPath,
+    times: Float[np.ndarray, " F"],
 ) -> tuple[Follower, list[str]]:
-    """Return the follower of a path, and remarks on its headings."""
-    positions, headings = path.at(times)
+    """Return the follower of a path, and remarks on rotations that it cannot follow."""
+    positions, orientations = path.at(times)
+    poses = np.repeat(np.asarray(emulator.rest)[None, mover.entries], len(times), axis=0)
+    poses[:, : len(AXES)] = positions
+    follower = Follower(name, mover, poses)
+    if orientations is None:
+        return follower, []
+    if mover.turns_freely:
+        poses[:, len(AXES) :] = continuous(orientations)
+        return follower, []
+    headings = headings_of(orientations)
     if mover.turns:
-        if headings is None:
-            headings = np.full(len(times), emulator.rest[mover.entries[-1]])
-        return Follower(mover, np.concatenate([positions, headings[:, None]], axis=1)), []
-    remarks = []
-    if headings is not None and np.ptp(headings) > TURNS:
-        angle = np.rad2deg(np.ptp(headings))
-        remarks.append(
-            f"{path.name}: it turns by {angle:.0f} degrees, but {mover.name} does not, so the turn is ignored. To keep it, set "
-            f"'turns = true' of {mover.name} in the TOML file and train again."
-        )
-    return Follower(mover, positions), remarks
+        poses[:, len(AXES)] = headings
+        lost, does, key = _tilt_of(orientations), "turns about the vertical only", '"freely"'
+    else:
+        lost, does, key = float(np.ptp(headings)), "does not", "true"
+    if lost <= TURNS:
+        return follower, []
+    what = "tilts" if mover.turns else "turns"
+    return follower, [
+        f"{path.name}: it {what} by {np.rad2deg(lost):.0f} degrees, but {name} {does}, so that is ignored. To keep it, set "
+        f"'turns = {key}' of {name} in the TOML file and train again."
+    ]
+
+
+def _tilt_of(orientations: Float[np.ndarray, "F 4"]) -> float:
+    """Return the largest angle between the vertical and where quaternions turn it [rad]."""
+    upright = 1 - 2 * (orientations[:, 1] ** 2 + orientations[:, 2] ** 2)
+    return float(np.arccos(np.clip(upright, -1, 1)).max())
 
 
 def _remarks_on_speed(
@@ -180,8 +201,8 @@ def _remarks_on_speed(
     """Return remarks on a path that is faster than training; BadFileError if it cannot be followed."""
     mover = follower.mover
     rates = follower.rates(emulator.dt)
-    low = np.array(emulator.bounds.low)[mover.entries]
-    high = np.array(emulator.bounds.high)[mover.entries]
+    low = np.array(emulator.bounds.low)[mover.rates]
+    high = np.array(emulator.bounds.high)[mover.rates]
     factors = np.maximum(rates / high, rates / low)
     step, axis = np.unravel_index(factors.argmax(), factors.shape)
     factor = float(factors[step, axis])
@@ -194,15 +215,15 @@ def _remarks_on_speed(
         bound = "turn_speed"
     if factor > MAX_FACTOR:
         raise BadFileError(
-            f"{path.name}: {mover.name} would move {told}, {factor:.3g} times as fast as in training. Look for jumps, and for "
+            f"{path.name}: {follower.name} would move {told}, {factor:.3g} times as fast as in training. Look for jumps, and for "
             "other units than metres."
         )
     if factor <= SLACK:
         return []
     slower = np.floor(100 * SLACK * speed / factor) / 100
     return [
-        f"{path.name}: {mover.name} moves {told}, {factor:.3g} times as fast as in training, beyond what the emulator "
-        f"knows. Give --path-speed {slower:g}, or raise '{bound}' of {mover.name} in the TOML file and train again."
+        f"{path.name}: {follower.name} moves {told}, {factor:.3g} times as fast as in training, beyond what the emulator "
+        f"knows. Give --path-speed {slower:g}, or raise '{bound}' of {follower.name} in the TOML file and train again."
     ]
 
 
@@ -233,31 +254,42 @@ def _run_in(
     shapes = emulator.skeleton.shapes
     anchor = -1 if shapes is None else shapes.placement.position
     for follower in followers:
-        if follower.mover.entries[0] == anchor:
-            begin = follower.poses[0] - duration / 2 * follower.rates(emulator.dt)[0]
-            _carry(start, movers_of(emulator), follower.mover, begin)
+        mover = follower.mover
+        if mover.entry == anchor:
+            back = -duration / 2 * follower.rates(emulator.dt)[0]
+            begin = moved(follower.poses[0], back, mover.own_quaternions)
+            _carry(start, movers_of(emulator), mover, begin)
     controls = np.repeat(emulator.bounds.idle[None], steps, axis=0)
     share = np.linspace(0, 1, steps + 1)[:, None]
     for follower in followers:
+        mover = follower.mover
         rate = follower.rates(emulator.dt)[0]
-        way = follower.poses[0] - start[follower.mover.entries]
-        poses = (3 * share**2 - 2 * share**3) * way + (share**3 - share**2) * duration * rate
-        controls[:, follower.mover.entries] = np.diff(poses, axis=0) / emulator.dt
+        rest = start[mover.entries]
+        way = change_between(rest, follower.poses[0], mover.own_quaternions)
+        shift = (3 * share**2 - 2 * share**3) * way + (share**3 - share**2) * duration * rate
+        poses = np.broadcast_to(rest, (steps + 1, len(rest)))
+        coming = replace(follower, poses=moved(poses, shift, mover.own_quaternions))
+        controls[:, mover.rates] = coming.rates(emulator.dt)
     return start, controls
 
 
 def _carry(
     state: Float[np.ndarray, " S"],
-    movers: Mapping[str, DrivenMover],
-    anchor: DrivenMover,
+    movers: Mapping[str, Mover],
+    anchor: Mover,
     pose: Float[np.ndarray, " D"],
 ) -> None:
     """Move the mover that holds the body to a pose in `state`, and everything else with it as one rigid piece."""
-    before = state[anchor.entries]
-    turned = float((pose - before)[len(AXES) :].sum())
+    before = state.copy()
+    state[anchor.entries] = pose
+    old, new = (anchor.placement.quaternions(poses) for poses in (before, state))
+    turn = np.array(NO_ROTATION) if old is None or new is None else multiply(new, conjugate(old))
     for mover in movers.values():
-        position = mover.entries[: len(AXES)]
-        away = state[position] - before[: len(AXES)]
-        state[position] = pose[: len(AXES)] + rotate(facing(np.float64(turned)), away)
-        if mover.turns:
-            state[mover.entries[-1]] += turned
+        place = mover.placement
+        away = place.origin(before) - anchor.placement.origin(before)
+        state[mover.entries][: len(AXES)] = pose[: len(AXES)] + rotate(turn, away)
+        if mover.turns_freely:
+            state[mover.entries][len(AXES) :] = multiply(turn, place.quaternions(before))
+        elif mover.turns:
+            state[place.heading] = before[place.heading] + heading_of(turn)
+    state[anchor.entries] = pose

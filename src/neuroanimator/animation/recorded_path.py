@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from neuroanimator.animation.glb_motion import node_motion
+from neuroanimator.animation.glb_motion import Track, node_motion
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import one_line, read_bounded
 from neuroanimator.files.clock import resolution_of, straightened
 from neuroanimator.files.glb import read_glb
 from neuroanimator.files.number_table import read_header, read_numbers
 from neuroanimator.state.columns import TIME, time_column, without_brackets
+from neuroanimator.state.rotation import facing
 from neuroanimator.state.units import converted_unit
 from neuroanimator.text import did_you_mean, listed, quoted
 
@@ -43,7 +44,7 @@ SOURCE = re.compile(r"(?P<file>.*?\.(?P<kind>csv|glb))(?::(?P<part>.+))?", re.IG
 
 @dataclass(frozen=True, eq=False)
 class RecordedPath:
-    """Positions of something over time, and its heading."""
+    """Positions of something over time, and its orientation."""
 
     name: str
     """Its origin, as messages state it."""
@@ -51,13 +52,13 @@ class RecordedPath:
     """Increasing times [s]."""
     positions: Float[np.ndarray, "T 3"]
     """Positions [m], Z up."""
-    headings: Float[np.ndarray, " T"] | None = None
-    """Angle turned about Z, without jumps [rad]; None if not known."""
+    orientations: Float[np.ndarray, "T 4"] | None = None
+    """Unit quaternions wxyz, of which the sign does not matter; None if not known."""
 
     def __post_init__(self) -> None:
         columns = [self.times, *self.positions.T]
-        if self.headings is not None:
-            columns.append(self.headings)
+        if self.orientations is not None:
+            columns += list(self.orientations.T)
         for column in columns:
             if not (np.abs(column) <= MAX_COORDINATE).all():  # false for NaN, too
                 raise BadFileError(
@@ -78,13 +79,19 @@ class RecordedPath:
 
     def at(
         self, times: Float[np.ndarray, " F"]
-    ) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, " F"] | None]:
-        """Return positions [m] and headings [rad] at `times` [s], on straight lines between the rows."""
-        columns = [np.interp(times, self.times, column) for column in self.positions.T]
-        positions = np.stack(columns, axis=1)
-        if self.headings is None:
+    ) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"] | None]:
+        """Return positions [m] and orientations at `times` [s]; between the rows it moves and turns evenly."""
+        positions = Track(self.times, self.positions, "LINEAR", is_rotation=False).at(times)
+        if self.orientations is None:
             return positions, None
-        return positions, np.interp(times, self.times, self.headings)
+        turned = np.roll(self.orientations, -1, axis=1)
+        turned = Track(self.times, turned, "LINEAR", is_rotation=True).at(times)
+        return positions, np.roll(turned, 1, axis=1)
+
+
+def headings_of(orientations: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, " T"]:
+    """Return the angles by which quaternions turn about Z [rad], whatever their tilt, without jumps."""
+    return np.unwrap(2 * np.arctan2(orientations[:, 3], orientations[:, 0]))
 
 
 def read_path(source: str | Path) -> RecordedPath:
@@ -116,12 +123,7 @@ def read_path(source: str | Path) -> RecordedPath:
         times, positions, orientations = node_motion(file, found["part"])
     except ValueError as error:
         raise BadFileError(f"{path}: {one_line(error)}.") from error
-    return RecordedPath(text, times, positions, _headings(orientations))
-
-
-def _headings(orientations: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, " T"]:
-    """Return the angles by which quaternions wxyz turn about Z [rad], whatever their tilt, without jumps."""
-    return np.unwrap(2 * np.arctan2(orientations[:, 3], orientations[:, 0]))
+    return RecordedPath(text, times, positions, orientations)
 
 
 def _from_csv(path: Path, part: str | None) -> RecordedPath:
@@ -137,14 +139,15 @@ def _from_csv(path: Path, part: str | None) -> RecordedPath:
     times = straightened(table[:, 0], factors[0] * resolution_of(read.values[:, 0], read.places))
     _refuse_gaps(times, path)
     turned = table[:, 4:]
-    headings = None
+    orientations = None
     if turned.shape[1] == 1:
-        headings = np.unwrap(turned[:, 0])
+        orientations = facing(turned[:, 0])
     elif turned.shape[1]:
-        if (np.linalg.norm(turned, axis=1) < SHORTEST).any():
+        lengths = np.linalg.norm(turned, axis=1, keepdims=True)
+        if (lengths < SHORTEST).any():
             raise BadFileError(f"{path}: a quaternion of zeros is no rotation. Remove the row.")
-        headings = _headings(turned)
-    return RecordedPath(str(path), times, table[:, 1:4], headings)
+        orientations = turned / lengths
+    return RecordedPath(str(path), times, table[:, 1:4], orientations)
 
 
 def _refuse_gaps(times: Float[np.ndarray, " T"], path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from neuroanimator.state.rotation import quaternions_of
+from neuroanimator.state.rotation import NO_ROTATION, quaternions_of
 
 MAX_POINTS = 300
 """Maximum number of mass points a bone may follow: a skeleton may come from a stranger."""
@@ -18,9 +18,6 @@ SUM_TOLERANCE = 1e-6
 
 MIN_LENGTH = 1e-12
 """Smallest length that a direction is divided by [m], so that none is 0/0."""
-
-NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
-"""The quaternion wxyz of a bone along the world's axes."""
 
 Entry = Annotated[int, Field(strict=True, ge=0, le=10**6)]
 Weight = Annotated[float, Field(strict=True, ge=-1, le=1, allow_inf_nan=False)]

@@ -36,7 +36,7 @@ SYSTEM_HELP = (
 
 PATH_HELP = (
     "For soft bodies: a mover and the path it follows, MOVER=FILE.csv (columns time, x, y, z), MOVER=FILE.csv:PART or "
-    "MOVER=FILE.glb:NODE; may be given several times."
+    "MOVER=FILE.glb:NODE; or FILE.glb, whose nodes move the movers called alike. May be given several times."
 )
 """The help of `--path`."""
 

@@ -17,7 +17,8 @@ from neuroanimator.animation.motion import (
     named_start,
     random_drive,
 )
-from neuroanimator.animation.path_drive import path_drive
+from neuroanimator.animation.path_drive import bone_paths, path_drive
+from neuroanimator.animation.recorded_path import RecordedPath
 from neuroanimator.cli.formats import emulator_for
 from neuroanimator.cli.usage import is_given
 from neuroanimator.control.policies.school import school_of
@@ -150,12 +151,15 @@ def _driven(
 
 
 def _along_paths(model: Emulator, options: MotionOptions) -> Drive:
-    paths: dict[str, str] = {}
+    paths: dict[str, RecordedPath | str] = {}
     for text in options.path or ():
         name, equals, source = text.partition("=")
+        if not equals and text.lower().endswith(".glb"):
+            paths = bone_paths(model, text) | paths
+            continue
         if not equals or not name or not source:
             raise ArgumentError(
-                f"path: wanted MOVER=FILE such as torso=walk.csv, got {quoted(text)}."
+                f"path: wanted MOVER=FILE such as torso=walk.csv, or a GLB file, got {quoted(text)}."
             )
         if name in paths:
             raise ArgumentError(f"path: {quoted(name)} has two paths. Give one.")

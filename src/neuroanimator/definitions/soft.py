@@ -29,6 +29,7 @@ from neuroanimator.definitions.parts import (
 )
 from neuroanimator.files.names import FileName, PartName, SystemName
 from neuroanimator.files.tables import Finite, Positive, Step, Table
+from neuroanimator.state.mover_poses import FREELY, Turns
 
 Vector = tuple[Finite, Finite, Finite]
 
@@ -139,12 +140,18 @@ class MotionTable(Table):
     """Largest velocity along each axis [m/s]."""
     reach: Extent = (0.2, 0.2, 0.2)
     """Distance from rest along each axis to which it is moved in the search for shapes [m]."""
-    turns: bool = False
-    """Whether it also turns about the vertical, with everything it holds."""
-    turn_speed: Positive = 1.0
-    """Largest turning rate [rad/s]."""
-    turn_reach: NotNegative = 0.5
-    """Angle from rest to which it is turned in the search for shapes [rad]."""
+    turns: Turns = False
+    """Whether it also turns, with everything it holds: `true` about the vertical, `"freely"` as a bone does."""
+    turn_speed: Positive | tuple[Positive, Positive, Positive] = 1.0
+    """Largest turning rate [rad/s]; for a mover that turns freely also one about each of its own axes."""
+    turn_reach: NotNegative | Extent = 0.5
+    """Angle from rest to which it is turned in the search for shapes [rad]; as `turn_speed`."""
+
+    @model_validator(mode="after")
+    def _turns_as_it_may(self) -> MotionTable:
+        if self.turns != FREELY and tuple in (type(self.turn_speed), type(self.turn_reach)):
+            raise ValueError('turn_speed and turn_reach: three numbers are for turns = "freely"')
+        return self
 
 
 class MoverTable(MotionTable):
@@ -211,7 +218,7 @@ class SoftDefinition(MeshReading):
     solid: SolidTable = SolidTable()
     air: AirTable = AirTable()
     ground: GroundPlaneTable | None = None
-    movers: dict[PartName, MoverTable] = Field(default={}, max_length=8)
+    movers: dict[PartName, MoverTable] = Field(default={}, max_length=24)
     """Movers by name; in a state they are sorted by name."""
     muscles: SolidMusclesTable | None = None
     water: WaterTable | None = None

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from neuroanimator.appearance.binding import NO_ROTATION
 from neuroanimator.definitions.parts import BodySampling
-from neuroanimator.state.rotation import facing, multiply, rotate, rotated_by
+from neuroanimator.state.rotation import NO_ROTATION, facing, multiply, rotate, rotated_by
 
 
 def root_at_rest(position: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 13"]:

@@ -154,7 +154,7 @@ class Frame(eqx.Module):
         for segment in segments:
             if isinstance(segment, Points | PointVelocities):
                 raise ValueError("frame: mass points are decoded by modes")
-            if isinstance(segment, Driven | Lag) and segment.size != controls:
+            if isinstance(segment, Driven | Lag) and segment.followed != controls:
                 raise ValueError(
                     "frame: wanted as many numbers that follow controls as there are controls"
                 )

@@ -13,6 +13,9 @@ from neuroanimator.state.arrays import AnyArray
 MIN_COSINE = 1e-3
 """Smallest cosine of half a rotation to divide by: no body turns that far in one super step, and the result stays finite."""
 
+NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
+"""The quaternion of a body along the world's axes."""
+
 Rows = tuple[tuple[AnyArray, AnyArray, AnyArray], ...]
 """The nine entries (...) of rotation matrices, row by row."""
 

@@ -10,13 +10,15 @@ import abc
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
 from jaxtyping import Float
 
-from neuroanimator.files.numbers import number, whole
+from neuroanimator.files.numbers import entries, number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS, Pairs
+from neuroanimator.state.mover_poses import moved
 from neuroanimator.state.reference_shape import Cloud, flat_of, points_of
 from neuroanimator.state.rotation import (
     rotate_in_plane,
@@ -304,6 +306,11 @@ class _Known(Segment):
     def change_size(self) -> int:
         return 0
 
+    @property
+    def followed(self) -> int:
+        """Number of controls that it follows."""
+        return self.size
+
 
 @dataclass(frozen=True, kw_only=True)
 class Lag(_Known):
@@ -330,9 +337,15 @@ class Lag(_Known):
 
 @dataclass(frozen=True, kw_only=True)
 class Driven(_Known):
-    """Positions whose velocities are the controls."""
+    """Poses whose velocities, and angular velocities, are the controls."""
 
     kind: ClassVar[str] = "driven"
+    quaternions: tuple[int, ...] = ()
+    """Entries of its own where quaternions begin."""
+
+    @property
+    def followed(self) -> int:
+        return self.size - len(self.quaternions)
 
     def apply(
         self,
@@ -343,7 +356,7 @@ class Driven(_Known):
     ) -> Float[AnyArray, "... S"]:
         if around.control is None:
             return entries
-        return entries + around.dt * around.control
+        return moved(entries, around.dt * around.control, self.quaternions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -432,11 +445,14 @@ def orientations_of(segments: tuple[Segment, ...]) -> Pairs:
 
 
 def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
-    """Return the segments as plain lists: kind, size, rate, time constant."""
-    return [
-        [segment.kind, segment.size, segment.rate, getattr(segment, "time_constant", 0.0)]
-        for segment in segments
-    ]
+    """Return the segments as plain lists: kind, size, rate, time constant, and quaternions if there are any."""
+    rows = []
+    for segment in segments:
+        time_constant = getattr(segment, "time_constant", 0.0)
+        rows.append([segment.kind, segment.size, segment.rate, time_constant])
+        if isinstance(segment, Driven) and segment.quaternions:
+            rows[-1].append(list(segment.quaternions))
+    return rows
 
 
 def segments_from_json(rows: Any) -> tuple[Segment, ...]:
@@ -447,15 +463,20 @@ def segments_from_json(rows: Any) -> tuple[Segment, ...]:
 
 
 def _segment_from_json(row: Any) -> Segment:
-    if not isinstance(row, list) or len(row) != 4:
+    if not isinstance(row, list) or len(row) not in (4, 5):
         raise ValueError(f"segment: wanted kind, size, rate and response, got {quoted(row)}")
-    kind, size, rate, time_constant = row
+    kind, size, rate, time_constant, *others = row
     whole(size, "segment: size", 1, MAX_NUMBERS)
     whole(rate, "segment: rate", -1, MAX_NUMBERS)
     number(time_constant, "segment: response", 0, MAX_RESPONSE)
     segment_class = SEGMENTS.get(kind) if isinstance(kind, str) else None
     if segment_class is Lag:
         return Lag(size=size, rate=rate, time_constant=float(time_constant))
+    if segment_class is Driven and others:
+        quaternions = entries(others[0], "segment: quaternions", size - 3)
+        if any(after - before < 4 for before, after in pairwise(quaternions)):
+            raise ValueError("segment: quaternions that overlap")
+        return Driven(size=size, rate=rate, quaternions=quaternions)
     if segment_class in (Plain, Points, PointVelocities, Driven, Constant):
         return segment_class(size=size, rate=rate)
     if segment_class is not None:

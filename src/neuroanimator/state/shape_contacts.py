@@ -2,7 +2,7 @@
 
 With M movers, some of which turn, and K shapes, a state is
 
-    movers' positions and headings | their rates | root of a free body | amplitudes of the shapes | their rates | parameters
+    movers' poses | their rates | root of a free body | amplitudes of the shapes | their rates | parameters
 
 Shapes are in the body's own frame, which moves and turns with the mover that holds the body, its anchor, or with the
 root of a body that nothing holds. All features are in that frame, so that moving and turning the world changes nothing.
@@ -22,8 +22,16 @@ from jaxtyping import Float
 
 from neuroanimator.files.numbers import entries, flag, listed, number, numbers, whole
 from neuroanimator.state.arrays import AnyArray
+from neuroanimator.state.mover_poses import (
+    FREELY,
+    Mover,
+    Turns,
+    moved,
+    place_movers,
+    quaternion_entries,
+)
 from neuroanimator.state.placement import Placement
-from neuroanimator.state.rotation import facing, rotate, rotate_back, rotated_by
+from neuroanimator.state.rotation import rotate, rotate_back, rotated_by
 
 MAX_NODES = 256
 """Maximum number of sampled nodes: each has four features."""
@@ -99,53 +107,31 @@ class BoxCollider(NamedTuple):
 AnyCollider = TypeVar("AnyCollider", RoundCollider, BoxCollider)
 
 
-class Mover(NamedTuple):
-    """State entries of a mover."""
-
-    entry: int
-    """First of its entries among those of all movers: its position, or velocity."""
-    turns: bool
-    """Whether the next one is its heading, or turning rate."""
-
-    @property
-    def size(self) -> int:
-        """Number of its entries."""
-        return 4 if self.turns else 3
+def first_after_movers(turning: tuple[Turns, ...]) -> int:
+    """Return the state entry after those of movers' poses and rates."""
+    return sum(mover.size + mover.rate_size for mover in place_movers(turning))
 
 
-def place_movers(turning: tuple[bool, ...]) -> tuple[Mover, ...]:
-    """Return the entries of each mover; `turning` is whether each turns."""
-    movers = []
-    entry = 0
-    for turns in turning:
-        movers.append(Mover(entry, turns))
-        entry += movers[-1].size
-    return tuple(movers)
-
-
-def first_amplitude(turning: tuple[bool, ...], anchor: int) -> int:
+def first_amplitude(turning: tuple[Turns, ...], anchor: int) -> int:
     """Return the state entry of the first amplitude, after those of movers, and of a free root if `anchor` is `FREE`."""
-    movers = 2 * sum(mover.size for mover in place_movers(turning))
-    return movers + (ROOT if anchor == FREE else 0)
+    return first_after_movers(turning) + (ROOT if anchor == FREE else 0)
 
 
-def placement_of(turning: tuple[bool, ...], anchor: int) -> Placement:
+def placement_of(turning: tuple[Turns, ...], anchor: int) -> Placement:
     """Return the state entries of the body's own frame: of the anchor, or of a free root if that is `FREE`."""
-    movers = place_movers(turning)
     if anchor == HELD:
         return Placement()
     if anchor == FREE:
-        root = 2 * sum(mover.size for mover in movers)
+        root = first_after_movers(turning)
         return Placement(position=root, orientation=root + 3)
-    mover = movers[anchor]
-    return Placement(mover.entry, mover.entry + 3 if mover.turns else -1)
+    return place_movers(turning)[anchor].placement
 
 
 class _Moment(NamedTuple):
     """Poses of the movers and of the body's own frame at a moment."""
 
     movers: Float[AnyArray, "... D"]
-    """Positions and headings of the movers."""
+    """Poses of the movers."""
     origin: Float[AnyArray, "... 3"]
     """Position of the frame [m]."""
     orientation: Float[AnyArray, "... 4"] | None
@@ -162,8 +148,8 @@ class _Moment(NamedTuple):
 class ShapeContacts:
     """Features of movers, and of possible contacts in a super step, for P nodes and K shapes."""
 
-    turning: tuple[bool, ...]
-    """Whether each mover turns about Z, too."""
+    turning: tuple[Turns, ...]
+    """Whether each mover turns, too: about Z, or freely."""
     anchor: int
     """Number of the mover that holds the body; `FREE` for a body that nothing holds, `HELD` for one held by the world."""
     capsules: tuple[RoundCollider, ...]
@@ -194,8 +180,13 @@ class ShapeContacts:
 
     @property
     def mover_size(self) -> int:
-        """Number D of entries of all movers' positions and headings, and of their rates and controls."""
+        """Number D of entries of all movers' poses."""
         return sum(mover.size for mover in self.movers)
+
+    @property
+    def rate_size(self) -> int:
+        """Number of entries of all movers' rates, and of their controls."""
+        return sum(mover.rate_size for mover in self.movers)
 
     @property
     def first(self) -> int:
@@ -205,7 +196,7 @@ class ShapeContacts:
     @property
     def turns(self) -> bool:
         """Whether the body's own frame turns."""
-        return self.anchor == FREE or (self.anchor >= 0 and self.turning[self.anchor])
+        return self.anchor == FREE or (self.anchor >= 0 and bool(self.turning[self.anchor]))
 
     def free_axes(self) -> list[tuple[int, ...]]:
         """Return the state entries along each axis along which all may be moved together."""
@@ -213,20 +204,34 @@ class ShapeContacts:
             return []
         starts = [mover.entry for mover in self.movers]
         if self.anchor == FREE:
-            starts.append(2 * self.mover_size)
+            starts.append(first_after_movers(self.turning))
         count = 3 if self.ground is None else 2
         return [tuple(start + axis for start in starts) for axis in range(count)]
 
     @cached_property
     def _facing(self) -> tuple[int, ...]:
-        """Movers whose heading relative to the body changes and matters."""
+        """Movers that are shown, whose heading relative to the body changes and matters."""
         uneven = {box.mover for box in self.boxes}
         uneven |= {capsule.mover for capsule in self.capsules if not capsule.is_round}
         facing = []
-        for index in sorted(uneven - {self.anchor}):
+        for index in sorted((uneven - {self.anchor}) & set(self._shown)):
             if self.turning[index] or self.turns:
                 facing.append(index)
         return tuple(facing)
+
+    @cached_property
+    def _shown(self) -> tuple[int, ...]:
+        """Movers with features of their own: of those that only strike and turn freely, as bones do, nodes show the nearness."""
+        return tuple(
+            index
+            for index, mover in enumerate(self.movers)
+            if index == self.anchor or not mover.turns_freely
+        )
+
+    @property
+    def _shows_up(self) -> bool:
+        """Whether the anchor tilts, so that the direction of gravity is a feature; a free root shows its own."""
+        return self.anchor >= 0 and self.movers[self.anchor].turns_freely
 
     @property
     def _shows_wind(self) -> bool:
@@ -235,9 +240,10 @@ class ShapeContacts:
     @property
     def size(self) -> int:
         """Total length of the result of `shown`."""
-        others = len(self.turning) - (self.anchor >= 0)
-        vectors = others + len(self._facing) + self._shows_wind
-        return 2 * self.mover_size + 3 * vectors + 4 * len(self.nodes) * self._has_colliders
+        others = len(self._shown) - (self.anchor >= 0)
+        vectors = others + len(self._facing) + self._shows_up + self._shows_wind
+        rates = sum(self.movers[index].rate_size for index in self._shown)
+        return 2 * rates + 3 * vectors + 4 * len(self.nodes) * self._has_colliders
 
     @property
     def _has_colliders(self) -> bool:
@@ -262,19 +268,22 @@ class ShapeContacts:
         """Return the features of a state (..., S) and the movers' next rates (..., C) for a network, in pieces.
 
         All are in the body's own frame: the movers' current and next rates; their positions, and headings unless they are
-        round; the wind; then, summed over all colliders that move in it, the nearness of the nodes (0 beyond `reach`, 1
-        at the surface, more inside) after `dt` [s], and that times the direction away.
+        round; the vertical, if the anchor tilts; the wind; then, summed over all colliders that move in it, the nearness of
+        the nodes (0 beyond `reach`, 1 at the surface, more inside) after `dt` [s], and that times the direction away.
         """
         size = self.mover_size
         now = self._now(state)
         later = self._later(state, control, dt)
-        shown = self._rates(now, state[..., size : 2 * size]) + self._rates(now, control)
-        for index, mover in enumerate(self.movers):
+        shown = self._rates(now, state[..., size : size + self.rate_size])
+        shown += self._rates(now, control)
+        for index in self._shown:
             if index != self.anchor:
-                position = now.movers[..., mover.entry : mover.entry + 3]
+                position = self.movers[index].placement.origin(now.movers)
                 shown.append(now.to_own(position - now.origin))
         for index in self._facing:
             shown.append(self._direction(now, index, (1.0, 0.0, 0.0)))
+        if self._shows_up:
+            shown.append(now.to_own(_vector((0.0, 0.0, 1.0), now)))
         if self._shows_wind:
             shown.append(now.to_own(_vector(self.wind, now)))
         if self._has_colliders:
@@ -290,12 +299,12 @@ class ShapeContacts:
         self, state: Float[AnyArray, "... S"], control: Float[AnyArray, "... C"], dt: float
     ) -> _Moment:
         """Return the poses after `dt` [s]; a free root coasts."""
-        size = self.mover_size
-        movers = state[..., :size] + dt * control
+        movers = moved(state[..., : self.mover_size], dt * control, quaternion_entries(self.movers))
         if self.anchor != FREE:
             placement = placement_of(self.turning, self.anchor)
             return _Moment(movers, placement.origin(movers), placement.quaternions(movers))
-        root = state[..., 2 * size : 2 * size + ROOT]
+        first = first_after_movers(self.turning)
+        root = state[..., first : first + ROOT]
         origin = root[..., :3] + dt * root[..., 7:10]
         return _Moment(movers, origin, rotated_by(root[..., 3:7], dt * root[..., 10:]))
 
@@ -303,13 +312,12 @@ class ShapeContacts:
         self, now: _Moment, rates: Float[AnyArray, "... D"]
     ) -> list[Float[AnyArray, "... _"]]:
         """Return velocities along the frame's axes [m/s], and turning rates [rad/s] unchanged."""
-        if now.orientation is None:
-            return [rates]
         shown = []
-        for mover in self.movers:
-            shown.append(now.to_own(rates[..., mover.entry : mover.entry + 3]))
+        for index in self._shown:
+            mover = self.movers[index]
+            shown.append(now.to_own(rates[..., mover.rate : mover.rate + 3]))
             if mover.turns:
-                shown.append(rates[..., mover.entry + 3 : mover.entry + 4])
+                shown.append(rates[..., mover.rate + 3 : mover.rate + mover.rate_size])
         return shown
 
     def _direction(self, moment: _Moment, index: int, vector: Point) -> Float[AnyArray, "... 3"]:
@@ -318,8 +326,9 @@ class ShapeContacts:
             return _vector(vector, moment)
         in_world = _vector(vector, moment)
         mover = self.movers[index]
-        if mover.turns and any(vector[:2]):
-            in_world = rotate(facing(moment.movers[..., mover.entry + 3]), in_world)
+        orientation = mover.placement.quaternions(moment.movers)
+        if orientation is not None and (any(vector[:2]) or mover.turns_freely):
+            in_world = rotate(orientation, in_world)
         return moment.to_own(in_world)
 
     def _place(self, moment: _Moment, index: int, point: Point) -> Float[AnyArray, "... 3"]:
@@ -327,8 +336,8 @@ class ShapeContacts:
         away = self._direction(moment, index, point)
         if index == self.anchor:
             return away
-        entry = self.movers[index].entry
-        return away + moment.to_own(moment.movers[..., entry : entry + 3] - moment.origin)
+        position = self.movers[index].placement.origin(moment.movers)
+        return away + moment.to_own(position - moment.origin)
 
     @cached_property
     def _rows(self) -> tuple[Float[np.ndarray, "K X"], Float[np.ndarray, " X"]]:
@@ -459,7 +468,7 @@ class ShapeContacts:
 
         `state_size` is without parameters.
         """
-        turning = listed(described["turning"], "shape contacts: turning", flag)
+        turning = listed(described["turning"], "shape contacts: turning", _turns)
         if not 1 <= len(turning) <= MAX_MOVERS:
             raise ValueError(f"shape contacts: wanted 1 to {MAX_MOVERS} movers")
 
@@ -489,9 +498,14 @@ class ShapeContacts:
             mean=mean[list(nodes)],
             modes=modes[:, list(nodes)],
         )
-        if controls != contacts.mover_size or state_size != contacts.first + 2 * len(modes):
+        if controls != contacts.rate_size or state_size != contacts.first + 2 * len(modes):
             raise ValueError("shape contacts: other movers or shapes than the state's")
         return contacts
+
+
+def _turns(described: Any, what: str) -> Turns:
+    """Return how a mover turns in a file."""
+    return FREELY if described == FREELY else flag(described, what)
 
 
 def common_scale(scale: Float[np.ndarray, " V"], gyration: float = 0.0) -> Float[np.ndarray, " V"]:

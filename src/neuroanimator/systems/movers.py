@@ -1,4 +1,4 @@
-"""Movers: entries of their positions, headings and rates, their limits, and random paths."""
+"""Movers: entries of their poses and rates, their limits, and random paths."""
 
 from __future__ import annotations
 
@@ -11,7 +11,16 @@ from neuroanimator.definitions.carried import read_definition_text
 from neuroanimator.definitions.flex import FlexDefinition
 from neuroanimator.definitions.soft import MotionTable, MoverTable, SoftDefinition
 from neuroanimator.state.layout import Slice
-from neuroanimator.state.shape_contacts import FREE, place_movers
+from neuroanimator.state.mover_poses import (
+    FREELY,
+    Turns,
+    change_between,
+    moved,
+    place_movers,
+    quaternion_entries,
+)
+from neuroanimator.state.rotation import NO_ROTATION
+from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.systems.named_files import read_definition, shipped_folder
 
 WAVES = 3
@@ -35,12 +44,24 @@ HOLDING = (0.1, 0.4)
 RETURN = 0.5
 """Time constant with which a mover returns to its path [s]."""
 
-SLICES = {
-    "pose": ("", "m", "_heading", "rad"),
-    "rate": ("_velocity", "m/s", "_turning_rate", "rad/s"),
-    "control": ("", "m/s", "_turning", "rad/s"),
+SLICES: dict[str, dict[Turns, list[tuple[str, int, str]]]] = {
+    "pose": {
+        False: [("", 3, "m")],
+        True: [("", 3, "m"), ("_heading", 1, "rad")],
+        FREELY: [("", 3, "m"), ("_orientation", 4, "quaternion")],
+    },
+    "rate": {
+        False: [("_velocity", 3, "m/s")],
+        True: [("_velocity", 3, "m/s"), ("_turning_rate", 1, "rad/s")],
+        FREELY: [("_velocity", 3, "m/s"), ("_angular_velocity", 3, "rad/s")],
+    },
+    "control": {
+        False: [("", 3, "m/s")],
+        True: [("", 3, "m/s"), ("_turning", 1, "rad/s")],
+        FREELY: [("", 3, "m/s"), ("_turning", 3, "rad/s")],
+    },
 }
-"""Suffixes and units of what moves and of what turns in a state, in its rates and in a control."""
+"""Suffixes, sizes and units of a mover's slices in a state, in its rates and in a control, by how it turns."""
 
 
 class Pace(NamedTuple):
@@ -69,48 +90,74 @@ def pace_of(anchor: int) -> Pace:
 
 
 class Movers:
-    """M movers, with D numbers of positions and headings, and D rates."""
+    """M movers, whose poses have D numbers, and whose rates R: three for a quaternion's four."""
 
     def __init__(self, tables: dict[str, MoverTable]):
         self.tables = list(tables.values())
         self.names = list(tables)
-        self.turning = tuple(mover.turns for mover in self.tables)
+        self.turning: tuple[Turns, ...] = tuple(mover.turns for mover in self.tables)
         self.places = place_movers(self.turning)
+        self.quaternions = quaternion_entries(self.places)
+        """Where the quaternions begin among the poses."""
         self.size = sum(place.size for place in self.places)
-        """Number D of positions and headings."""
-        self.rest = self._entries("position")
-        """Positions [m] and headings [rad] at rest (D,)."""
-        self.speed = self._entries("speed", "turn_speed")
-        """Largest rates (D,) [m/s, rad/s]."""
-        self.reach = self._entries("reach", "turn_reach")
-        """Distance from rest (D,) within which random paths stay [m, rad]."""
+        """Number D of the poses' entries."""
+        self.rate_size = sum(place.rate_size for place in self.places)
+        """Number R of the rates' entries."""
+        self.rest = self._at_rest()
+        """Poses at rest (D,) [m, rad]."""
+        self.speed = self._limits("speed", "turn_speed")
+        """Largest rates (R,) [m/s, rad/s]."""
+        self.reach = self._limits("reach", "turn_reach")
+        """Distance from rest (R,) within which random paths stay [m, rad]."""
 
-    def _entries(self, name: str, turning: str = "") -> Float[np.ndarray, " D"]:
-        """Return the value `name` of all movers, and `turning` of those that turn; 0 if that is empty."""
+    def _at_rest(self) -> Float[np.ndarray, " D"]:
+        turned: dict[Turns, tuple[float, ...]] = {False: (), True: (0.0,), FREELY: NO_ROTATION}
+        return np.array([x for mover in self.tables for x in mover.position + turned[mover.turns]])
+
+    def _limits(self, name: str, turning: str) -> Float[np.ndarray, " R"]:
+        """Return the value `name` of all movers, and `turning` for each number of their turning rates."""
         values: list[float] = []
-        for mover in self.tables:
+        for mover, place in zip(self.tables, self.places, strict=True):
             values += getattr(mover, name)
-            if mover.turns:
-                values.append(getattr(mover, turning) if turning else 0.0)
+            values += np.broadcast_to(getattr(mover, turning), place.rate_size - 3).tolist()
         return np.array(values)
 
     def slices(self, kind: Literal["pose", "rate", "control"]) -> list[Slice]:
-        """Return the parts of a state that hold positions and headings, or their rates; or those of a control."""
-        moved, unit, turned, turned_unit = SLICES[kind]
-        parts = []
-        for name, mover in zip(self.names, self.tables, strict=True):
-            parts.append(Slice(name + moved, 3, unit))
-            if mover.turns:
-                parts.append(Slice(name + turned, 1, turned_unit))
-        return parts
+        """Return the parts of a state that hold poses, or their rates; or those of a control."""
+        return [
+            Slice(name + suffix, size, unit)
+            for name, turns in zip(self.names, self.turning, strict=True)
+            for suffix, size, unit in SLICES[kind][turns]
+        ]
+
+    def moved(
+        self, poses: Float[np.ndarray, "*B D"], changes: Float[np.ndarray, "*B R"]
+    ) -> Float[np.ndarray, "*B D"]:
+        """Return `poses` after `changes`, which are rates times a duration."""
+        return moved(poses, changes, self.quaternions)
+
+    def paths(
+        self, starts: Float[np.ndarray, "B D"], rates: Float[np.ndarray, "B T R"], dt: float
+    ) -> Float[np.ndarray, "B F D"]:
+        """Return the poses at the `starts`, and after each of the `rates`, held for `dt` [s]."""
+        poses = [starts]
+        for step in range(rates.shape[1]):
+            poses.append(self.moved(poses[-1], dt * rates[:, step]))
+        return np.stack(poses, axis=1)
 
     def poses(
         self, paths: Float[np.ndarray, "F D ..."], origin: Float[np.ndarray, " ..."]
-    ) -> Float[np.ndarray, "F P 4 ..."]:
-        """Return positions from `origin` [m] and headings [rad] of M movers, and of the world as the last."""
-        poses = np.zeros((len(paths), len(self.places) + 1, 4, *paths.shape[2:]))
+    ) -> Float[np.ndarray, "F P 7 ..."]:
+        """Return positions from `origin` [m] and quaternions of M movers, and of the world as the last."""
+        entries = np.moveaxis(paths, 1, -1)
+        poses = np.zeros((*entries.shape[:-1], len(self.places) + 1, 7))
+        poses[..., 3] = 1.0
         for number, place in enumerate(self.places):
-            poses[:, number, : place.size] = paths[:, place.entry : place.entry + place.size]
+            poses[..., number, :3] = place.placement.origin(entries)
+            turned = place.placement.quaternions(entries)
+            if turned is not None:
+                poses[..., number, 3:] = turned
+        poses = np.moveaxis(poses, (-2, -1), (1, 2))
         poses[:, :, :3] -= origin
         return poses
 
@@ -118,11 +165,11 @@ class Movers:
         self,
         rng: np.random.Generator,
         starts: Float[np.ndarray, "B D"],
-        rates: Float[np.ndarray, "B D"],
+        rates: Float[np.ndarray, "B R"],
         steps: int,
         dt: float,
         pace: Pace,
-    ) -> Float[np.ndarray, "B T D"]:
+    ) -> Float[np.ndarray, "B T R"]:
         """Return rates of smooth random paths about rest, one for each of the `starts` and its initial `rates`.
 
         Some movers hardly move and others as fast as they may, all hold still now and then, and those that begin elsewhere
@@ -130,14 +177,15 @@ class Movers:
         """
         wanted = self._waves(rng, len(starts), steps, dt, pace)
         follow = 1 - np.exp(-dt / pace.response)
-        position = starts
+        pose = starts
         rate = rates
-        path = np.empty((len(starts), steps, self.size))
+        path = np.empty((len(starts), steps, self.rate_size))
         for step in range(steps):
-            onwards = (wanted[:, step + 1] - wanted[:, step]) / dt
-            aim = onwards + (wanted[:, step] - position) / RETURN
+            now = wanted[:, step]
+            onwards = change_between(now, wanted[:, step + 1], self.quaternions) / dt
+            aim = onwards + change_between(pose, now, self.quaternions) / RETURN
             rate = rate + follow * (np.clip(aim, -self.speed, self.speed) - rate)
-            position = position + dt * rate
+            pose = self.moved(pose, dt * rate)
             path[:, step] = rate
         return path
 
@@ -149,9 +197,9 @@ class Movers:
         dt: float,
         pace: Pace,
     ) -> Float[np.ndarray, "B F D"]:
-        """Return positions and headings after none to `steps` steps, within reach."""
+        """Return poses after none to `steps` steps, within reach."""
         movers = len(self.places)
-        own = np.repeat(np.arange(movers), [place.size for place in self.places])
+        own = np.repeat(np.arange(movers), [place.rate_size for place in self.places])
         exponents = rng.uniform(np.log(pace.slowest), np.log(pace.fastest), (count, movers))
         highest = np.exp(exponents)[:, own]
         strength = rng.uniform(pace.weakest, 1, (count, movers))
@@ -159,13 +207,14 @@ class Movers:
         farthest = self.speed / (2 * np.pi * highest)
         size = np.minimum(self.reach, farthest) * strength[:, own]
         time = self._own_time(rng, count, steps, dt)[:, :, own]
-        total = np.zeros((count, steps + 1, self.size))
+        total = np.zeros((count, steps + 1, self.rate_size))
         for _ in range(WAVES):
             frequency = highest * rng.uniform(SLOWER, 1, highest.shape)
             phase = rng.uniform(0, 2 * np.pi, highest.shape)
             total += np.sin(2 * np.pi * frequency[:, None] * time + phase[:, None])
         # Their sum is squashed into ±1: no mover goes beyond its reach.
-        return self.rest + size[:, None] * np.sin(total * np.sqrt(2 / WAVES))
+        away = size[:, None] * np.sin(total * np.sqrt(2 / WAVES))
+        return self.moved(np.broadcast_to(self.rest, (*away.shape[:2], self.size)), away)
 
     def _own_time(
         self, rng: np.random.Generator, count: int, steps: int, dt: float
@@ -202,7 +251,7 @@ def movers_of(name: str, text: str, rest: Float[np.ndarray, " S"]) -> Movers | N
     if isinstance(definition, SoftDefinition):
         return Movers(definition.movers)
     if isinstance(definition, FlexDefinition):
-        turning = tuple(table.turns for table in definition.movers.values())
+        turning: tuple[Turns, ...] = tuple(table.turns for table in definition.movers.values())
         entries = [place.entry for place in place_movers(turning)]
         return mocap_movers(definition.movers, np.stack([rest[i : i + 3] for i in entries]))
     return None

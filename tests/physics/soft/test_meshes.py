@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from jelly_mesh import cube
+from soft_bodies import poses_of
 
 from neuroanimator.definitions.soft import ClothTable, SolidTable
 from neuroanimator.errors import NeuroAnimatorError
@@ -37,7 +38,7 @@ def at_rest(body: SoftBody) -> np.ndarray:
     """Return positions after four seconds in thick air."""
     still = np.zeros_like(body.positions)
     path, _ = SoftProgram(body, dtype=np.float64).play(
-        body.positions, still, np.zeros((121, 1, 4)), 1 / 30, 240
+        body.positions, still, poses_of(np.zeros((121, 1, 4))), 1 / 30, 240
     )
     return path[-1]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from soft_bodies import hasty_emulator
+from soft_bodies import hasty_emulator, poses_of
 from swimmers import MUSCLES, WATER, mesh_text, mirrored_states, swimmer
 
 import neuroanimator as na
@@ -55,7 +55,7 @@ def test_muscles_shorten_the_body_and_keep_its_volume(trout):
     everything = MuscleMotion(np.ones(12), np.ones((60, 12)))
     still = np.zeros_like(body.positions)
     path, _ = SoftProgram(body).play(
-        body.positions, still, np.zeros((61, 1, 4)), DT, 16, muscles=everything
+        body.positions, still, poses_of(np.zeros((61, 1, 4))), DT, 16, muscles=everything
     )
     tight = path[-1].astype(float)
     middle = (body.positions[:, 0] < -0.1) & (body.positions[:, 0] > -0.34)

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from soft_bodies import poses_of
 
 from neuroanimator.physics.soft import constraints
 from neuroanimator.physics.soft.program import LANES, SoftProgram
@@ -71,13 +72,13 @@ def cloth(size=8, **others):
 def play(
     body, frames=30, steps=20, duration=1 / 30, velocities=None, movers=None, dtype=np.float64
 ):
-    """Return positions and velocities; `movers` (frames + 1, M, 4) stand still if none are given."""
+    """Return positions and velocities; `movers` (frames + 1, M, 4) have headings, and stand still if none are given."""
     if velocities is None:
         velocities = np.zeros_like(body.positions)
     if movers is None:
         movers = np.zeros((frames + 1, 1, 4))
     program = SoftProgram(body, dtype=dtype)
-    return program.play(body.positions, velocities, movers, duration, steps)
+    return program.play(body.positions, velocities, poses_of(movers), duration, steps)
 
 
 def beside_the_world(path):
@@ -143,7 +144,7 @@ def test_bodies_side_by_side_move_as_each_does_alone():
     rng = np.random.default_rng(1)
     centres = np.cumsum(rng.normal(size=(frames + 1, 3, LANES)) * 0.02, axis=0)
     centres += np.array([0.25, 0.12, -0.25])[None, :, None]
-    movers = beside_the_world(centres)
+    movers = poses_of(beside_the_world(centres))
     still = np.zeros_like(body.positions)
     spread = [np.repeat(part[..., None], LANES, axis=-1) for part in (body.positions, still)]
     together, _ = SoftProgram(body, LANES).play(*spread, movers, 1 / 30, 20)
@@ -225,6 +226,6 @@ def test_a_cloth_in_the_wind_moves_as_one_carried_through_still_air():
     carried = movers.copy()
     carried[:, 0, :3] = -times[:, None, None] * winds
     program = SoftProgram(body, LANES, np.float64)
-    here, _ = program.play(places, still, movers, 1 / 30, 20, winds)
-    there, _ = program.play(places, still - winds, carried, 1 / 30, 20, 0 * winds)
+    here, _ = program.play(places, still, poses_of(movers), 1 / 30, 20, winds)
+    there, _ = program.play(places, still - winds, poses_of(carried), 1 / 30, 20, 0 * winds)
     np.testing.assert_allclose(there + times[1:, None, None, None] * winds, here, atol=1e-9)

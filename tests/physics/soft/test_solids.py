@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from jelly_mesh import cube, msh_2, msh_4
-from soft_bodies import hasty_emulator, moving_states
+from soft_bodies import hasty_emulator, moving_states, poses_of
 
 import neuroanimator as na
 from neuroanimator.control.policies import train_policy
@@ -252,7 +252,7 @@ def test_nothing_is_inside_a_box_that_turns(toml: Path, jelly):
     poses[:, 0, 3] = np.linspace(0.0, 0.6, frames + 1)
     still = np.zeros_like(body.positions)
     program = SoftProgram(body, dtype=np.float64)
-    path, _ = program.play(body.positions, still, poses, DT, 40)
+    path, _ = program.play(body.positions, still, poses_of(poses), DT, 40)
     assert path[-1][:, 0].mean() > 0.05
     for nodes, pose in zip(path, poses[1:, 0], strict=True):
         away = nodes - pose[:3]
@@ -283,7 +283,7 @@ def test_the_paddle_follows_a_path_and_what_is_drawn_is_outside_of_it_and_above_
     rest = jelly.rest[:3]
     aim = jelly.shapes.decode(jelly.rest).mean(axis=0)
     places = rest + times[:, None] * (aim - rest)
-    path = na.RecordedPath("swing", times, places, 0 * times)
+    path = na.RecordedPath("swing", times, places, facing(0 * times))
     drive = na.path_drive(emulator, {"paddle": path}, speed=0.5)
     motion = drive.motion(emulator)
     paddle = motion[:, jelly.state.index("paddle")]

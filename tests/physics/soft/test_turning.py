@@ -9,7 +9,7 @@ import pytest
 from soft_bodies import hasty_emulator, moving_states
 
 import neuroanimator as na
-from neuroanimator.state.rotation import rotate_in_plane
+from neuroanimator.state.rotation import facing, rotate_in_plane
 
 SIDE = 8
 """Number of nodes along an edge of the cloth."""
@@ -235,9 +235,11 @@ def test_a_path_in_a_turned_world_gives_the_turned_motion(cape, emulator):
     turned = np.array(places)
     angles = np.full((31, 1), ANGLE)
     turned[:, :2] = rotate_in_plane(angles, places[:, :2])
-    here = na.path_drive(emulator, {"torso": na.RecordedPath("walk", times, places, headings)})
+    here = na.path_drive(
+        emulator, {"torso": na.RecordedPath("walk", times, places, facing(headings))}
+    )
     there = na.path_drive(
-        emulator, {"torso": na.RecordedPath("walk", times, turned, headings + ANGLE)}
+        emulator, {"torso": na.RecordedPath("walk", times, turned, facing(headings + ANGLE))}
     )
     motion = here.motion(emulator)
     np.testing.assert_allclose(motion[:, cape.state.index("torso_heading")][:, 0], headings, atol=1e-4)  # fmt: skip

@@ -13,6 +13,7 @@ from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.appearance.skin import Skin, Swimmer
 from neuroanimator.errors import ArgumentError
 from neuroanimator.physics.deformable.body import Body
+from neuroanimator.state.rotation import NO_ROTATION
 
 SAME_STATION = 0.01
 """Difference in X below which mass points belong to one station of the spine, over the body's length."""
@@ -47,7 +48,7 @@ def body_skeleton(body: Body, skin: Skin | None) -> Skeleton:
 def _points(body: Body) -> list[Bone]:
     """Return a bone with a ball per mass point."""
     radius = POINT_SIZE * float(body.lengths.mean())
-    ball = Shape("sphere", (radius,), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0), POINT_COLOUR)
+    ball = Shape("sphere", (radius,), (0.0, 0.0, 0.0), NO_ROTATION, POINT_COLOUR)
     bones = []
     for point, name in enumerate(body.names):
         binding = Binding(position=((3 * point, 1.0),))

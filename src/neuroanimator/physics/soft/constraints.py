@@ -137,30 +137,26 @@ def box_push(
     position: Vector,
     moved: Vector,
     centre: Vector,
-    heading: Vector,
+    ahead: Vector,
+    left: Vector,
+    up: Vector,
     half: Vector,
     centre_moved: Vector,
-    turned: Number,
+    turned: Vector,
     margin: Number,
     friction: Number,
 ) -> Vector:
-    """Return the displacement that moves a node out of an upright box, rounded by `margin` [m]; see `capsule_push`.
+    """Return the displacement that moves a node out of a box, rounded by `margin` [m]; see `capsule_push`.
 
-    `half` is half its size [m], `heading` the unit vector along its first axis, which is level, and `turned` [rad] its
-    turn about Z in this small step.
+    `half` is half its size along its axes `ahead`, `left` and `up` [m], `turned` [rad] its rotation in this small step.
     """
-    cosine, sine = heading[:, 0], heading[:, 1]
     away = position - centre
-    along = cosine * away[:, 0] + sine * away[:, 1]
-    across = cosine * away[:, 1] - sine * away[:, 0]
+    axes = (ahead, left, up)
     halves = [half[:, axis] for axis in range(3)]
-    distance, outward = box_surface([along, across, away[:, 2]], halves, TINY)
+    distance, outward = box_surface([dot(away, axis) for axis in axes], halves, TINY)
     depth = jnp.maximum(margin - distance, 0)
-    normal_x = cosine * outward[0] - sine * outward[1]
-    normal_y = sine * outward[0] + cosine * outward[1]
-    normal = jnp.stack([normal_x, normal_y, outward[2]], axis=1)
-    carried = jnp.stack([-turned * away[:, 1], turned * away[:, 0], 0 * turned], axis=1)
-    return _contact(depth, normal, moved - centre_moved - carried, friction)
+    normal = outward[0][:, None] * ahead + outward[1][:, None] * left + outward[2][:, None] * up
+    return _contact(depth, normal, moved - centre_moved - cross(turned, away), friction)
 
 
 def plane_push(

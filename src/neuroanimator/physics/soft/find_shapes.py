@@ -176,13 +176,12 @@ def _settled(
 
 def _random_paths(
     scene: SoftScene, rng: np.random.Generator, frames: int, dt: float
-) -> tuple[Float[np.ndarray, "F D L"], Float[np.ndarray, "T L D"]]:
-    """Return (positions and headings of movers, beginning at rest; their rates)."""
+) -> tuple[Float[np.ndarray, "F D L"], Float[np.ndarray, "T L R"]]:
+    """Return (poses of movers, beginning at rest; their rates)."""
     starts = np.repeat(scene.movers.rest[None], scene.runs, axis=0)
-    rates = scene.random_paths(rng, starts, np.zeros_like(starts), frames, dt)
-    moved = np.cumsum(dt * rates, axis=1)
-    paths = np.concatenate([starts[:, None], starts[:, None] + moved], axis=1)
-    return np.moveaxis(paths, 0, -1), np.moveaxis(rates, 0, 1)
+    still = np.zeros((scene.runs, scene.movers.rate_size))
+    rates = scene.random_paths(rng, starts, still, frames, dt)
+    return np.moveaxis(scene.movers.paths(starts, rates, dt), 0, -1), np.moveaxis(rates, 0, 1)
 
 
 def _side_by_side(motion: Motion, count: int) -> Motion:

@@ -31,6 +31,7 @@ from neuroanimator.physics.soft.flex_model import (
 from neuroanimator.physics.soft.program import MuscleMotion
 from neuroanimator.physics.soft.soft_body import Played, Points
 from neuroanimator.physics.soft.soft_scene import Motion, Parameters, Paths, SoftScene
+from neuroanimator.state.mover_poses import change_between
 from neuroanimator.state.shape_contacts import FREE, HELD, BoxCollider, RoundCollider
 from neuroanimator.systems.movers import mocap_movers
 from neuroanimator.text import listed, quoted
@@ -178,10 +179,10 @@ class FlexScene(SoftScene):
         for frame in range(frames):
             if not np.isfinite(data.qpos).all():
                 break
-            change = path[frame + 1] - path[frame]
+            change = change_between(path[frame], path[frame + 1], self.movers.quaternions)
             try:
                 for step in range(steps):
-                    self.put_movers(data, path[frame] + step / steps * change)
+                    self.put_movers(data, self.movers.moved(path[frame], step / steps * change))
                     mujoco.mj_step(model, data)
             except mujoco.FatalError:
                 break  # MuJoCo raises it for an element without a position
@@ -190,13 +191,12 @@ class FlexScene(SoftScene):
         return positions, velocities
 
     def put_movers(self, data: mujoco.MjData, entries: Float[np.ndarray, " D"]) -> None:
-        """Set the mocap bodies to the movers' positions [m] and headings [rad]."""
+        """Set the mocap bodies to the movers' poses."""
         for body, place in zip(self.bodies, self.movers.places, strict=True):
             number = self.model.body_mocapid[body]
-            data.mocap_pos[number] = entries[place.entry : place.entry + 3]
-            if place.turns:
-                half = entries[place.entry + 3] / 2
-                turned = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+            data.mocap_pos[number] = place.placement.origin(entries)
+            turned = place.placement.quaternions(entries)
+            if turned is not None:
                 mujoco.mju_mulQuat(data.mocap_quat[number], turned, self.model.body_quat[body])
 
     def _nodes(self, points: DrawnPoints) -> Points:

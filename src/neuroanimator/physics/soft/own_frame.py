@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.state.reference_shape import closest_quaternion
-from neuroanimator.state.rotation import facing, rotation_matrices, to_body_axes
+from neuroanimator.state.rotation import rotation_matrices, to_body_axes
 
 ManyPoints = Float[np.ndarray, "*B N 3"]
 """Positions of the nodes of many bodies [m], or their velocities [m/s]."""
@@ -36,20 +36,29 @@ class OwnMotion(NamedTuple):
 def seen_from_mover(
     positions: ManyPoints,
     velocities: ManyPoints,
-    position: Float[np.ndarray, "*B P"],
-    rate: Float[np.ndarray, "*B P"],
+    position: Float[np.ndarray, "*B 3"],
+    orientation: Float[np.ndarray, "*B 4"] | None,
+    rates: Float[np.ndarray, "*B R"],
 ) -> OwnMotion:
-    """Return the motion in the frame of a mover at `position` (and heading), which moves (and turns) at `rate`."""
-    away = positions - position[..., None, :3].astype(positions.dtype)
-    relative = velocities - rate[..., None, :3].astype(positions.dtype)
+    """Return the motion in the frame of a mover: `rates` are its velocity, and its turning rate or angular velocity."""
+    dtype = positions.dtype
+    away = positions - position[..., None, :].astype(dtype)
+    relative = velocities - rates[..., None, :3].astype(dtype)
     root = np.zeros((*positions.shape[:-2], 0))
-    if position.shape[-1] == 3:
+    if orientation is None:
         return OwnMotion(root, away, relative)
-    turning = rate[..., 3:].astype(positions.dtype)
-    relative[..., 0] += turning * away[..., 1]
-    relative[..., 1] -= turning * away[..., 0]
-    orientation = facing(position[..., 3].astype(positions.dtype))
-    return OwnMotion(root, to_body_axes(orientation, away), to_body_axes(orientation, relative))
+    away = to_body_axes(orientation.astype(dtype), away)
+    relative = to_body_axes(orientation.astype(dtype), relative)
+    spin = spin_of(rates).astype(dtype)
+    return OwnMotion(root, away, relative - np.cross(spin[..., None, :], away))
+
+
+def spin_of(rates: Float[np.ndarray, "*B R"]) -> Float[np.ndarray, "*B 3"]:
+    """Return the angular velocity of a mover along its own axes [rad/s]: what follows its velocity, or its turn about Z."""
+    turning = rates[..., 3:]
+    if turning.shape[-1] == 3:
+        return turning
+    return np.stack([np.zeros(turning.shape[:-1])] * 2 + [turning.sum(axis=-1)], axis=-1)
 
 
 def seen_from_root(

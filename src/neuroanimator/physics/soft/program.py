@@ -46,7 +46,7 @@ FORMULAS: dict[Callable[..., Any], tuple[tuple[int, ...], ...]] = {
     constraints.water_push: (*[VECTOR] * 3, *[NUMBER] * 4),
     constraints.lifted: (VECTOR, NUMBER, VECTOR, *[NUMBER] * 5),
     constraints.capsule_push: (*[VECTOR] * 6, NUMBER, NUMBER),
-    constraints.box_push: (*[VECTOR] * 6, NUMBER, NUMBER, NUMBER),
+    constraints.box_push: (*[VECTOR] * 9, NUMBER, NUMBER),
     constraints.plane_push: (*[VECTOR] * 5, NUMBER, NUMBER),
 }
 """Formulas, with the shapes of their arguments."""
@@ -73,7 +73,7 @@ class SoftProgram:
         self,
         positions: Float[np.ndarray, "N 3 ..."],
         velocities: Float[np.ndarray, "N 3 ..."],
-        movers: Float[np.ndarray, "F M 4 ..."],
+        movers: Float[np.ndarray, "F M 7 ..."],
         duration: float,
         steps: int,
         wind: Float[np.ndarray, "3 ..."] | None = None,
@@ -82,7 +82,7 @@ class SoftProgram:
     ) -> Played:
         """Return positions [m] and velocities [m/s] after each of F - 1 frames of `duration` [s] in `steps` small steps.
 
-        `movers` are the movers' positions [m] and headings [rad], at the start and at each frame's end; in between they
+        `movers` are the movers' positions [m] and quaternions, at the start and at each frame's end; in between they
         move and turn evenly. `wind` is the velocity of the air [m/s], by default the body's own; muscles are idle by default, and
         `surface` is the height of the water's [m], by default infinite. Several lanes are the last axis of all arrays.
         """

@@ -218,7 +218,7 @@ class Scene(SoftScene):
     ) -> Played:
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
-        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
+        `paths` are the movers' poses at the start and at the end of each frame, `parameters`
         those of each body, by default nominal; muscles are idle by default. See `SoftProgram.play`.
         """
         lanes = paths.shape[2] if paths.ndim > 2 else 1

@@ -27,6 +27,7 @@ from neuroanimator.physics.soft.flex_scene import FlexScene
 from neuroanimator.physics.soft.mesh import Mesh
 from neuroanimator.physics.soft.mesh_file import MAX_FILE, read_mesh
 from neuroanimator.physics.soft.scene import Scene
+from neuroanimator.state.mover_poses import Turns
 from neuroanimator.state.shape_contacts import FREE, first_amplitude, placement_of
 from neuroanimator.systems.model_files import ModelFiles
 
@@ -100,7 +101,7 @@ def _made(
 
 def read_shapes(path: Path, definition: SoftDefinition) -> tuple[RestingShapes, Mesh]:
     """Return the shapes `made_for` wrote, and the mesh; BadFileError names the fault."""
-    turning = tuple(mover.turns for mover in definition.movers.values())
+    turning: tuple[Turns, ...] = tuple(mover.turns for mover in definition.movers.values())
     holding = [number for number, mover in enumerate(definition.movers.values()) if mover.pins]
     anchor = holding[0] if holding else FREE
     tensors, _ = read_tensors(path, "shapes")
@@ -148,7 +149,7 @@ def _faults_named(path: Path) -> Iterator[None]:
 
 
 def _checked(
-    tensors: Tensors, turning: tuple[bool, ...], anchor: int, others: int = 0
+    tensors: Tensors, turning: tuple[Turns, ...], anchor: int, others: int = 0
 ) -> RestingShapes:
     first = first_amplitude(turning, anchor)
     own = {name: tensors[name] for name in TENSORS}

@@ -106,33 +106,43 @@ static void coast(const Body *b, real *restrict x, real *restrict v, real *restr
     END
 }
 
-/* A mover's pose: its position, and the cosine and sine of its heading. */
-#define POSE(poses, mover, k) (poses)[(5 * (size_t)(mover) + (k)) * LANES + l]
+/* A mover's pose: its position, and its axes in the world, one after another. */
+#define POSE(poses, mover, k) (poses)[(12 * (size_t)(mover) + (k)) * LANES + l]
 
-static void pose_movers(const Body *b, const real *from, const real *to, real share, real *poses) {
+/* Write the poses at a share of the way between two, on which movers turn evenly. */
+static void pose_movers(const Body *b, const real *from, const real *to, double share, real *poses) {
     for (long m = 0; m < b->movers; m++)
         for (int l = 0; l < LANES; l++) {
-            real now[4];
-            for (int k = 0; k < 4; k++) {
-                const size_t place = (4 * m + k) * LANES + l;
-                now[k] = from[place] + share * (to[place] - from[place]);
+            double q[4], cosine = 0;
+            for (int k = 0; k < 7; k++) {
+                const size_t entry = (7 * m + k) * LANES + l;
+                if (k < 3) POSE(poses, m, k) = from[entry] + (real)share * (to[entry] - from[entry]);
+                else cosine += (double)from[entry] * to[entry];
             }
-            for (int a = 0; a < 3; a++) POSE(poses, m, a) = now[a];
-            POSE(poses, m, 3) = (real)cos(now[3]);
-            POSE(poses, m, 4) = (real)sin(now[3]);
+            const double angle = acos(fmin(fabs(cosine), 1)), whole = sin(angle);
+            const double first = whole > 1e-9 ? sin((1 - share) * angle) / whole : 1 - share;
+            const double last = copysign(whole > 1e-9 ? sin(share * angle) / whole : share, cosine);
+            double squares = 0;
+            for (int k = 0; k < 4; k++) {
+                const size_t entry = (7 * m + 3 + k) * LANES + l;
+                q[k] = first * from[entry] + last * to[entry];
+                squares += q[k] * q[k];
+            }
+            const double two = 2 / squares, w = q[0], x = q[1], y = q[2], z = q[3];
+            const double axes[9] = {
+                1 - two * (y * y + z * z), two * (x * y + w * z), two * (x * z - w * y),
+                two * (x * y - w * z), 1 - two * (x * x + z * z), two * (y * z + w * x),
+                two * (x * z + w * y), two * (y * z - w * x), 1 - two * (x * x + y * y),
+            };
+            for (int k = 0; k < 9; k++) POSE(poses, m, 3 + k) = (real)axes[k];
         }
 }
 
-INLINE void turn(const real *poses, int mover, int l, const real *local, real *world) {
-    const real cosine = POSE(poses, mover, 3), sine = POSE(poses, mover, 4);
-    world[0] = cosine * local[0] - sine * local[1];
-    world[1] = sine * local[0] + cosine * local[1];
-    world[2] = local[2];
-}
-
 INLINE void place(const real *poses, int mover, int l, const real *local, real *world) {
-    turn(poses, mover, l, local, world);
-    for (int a = 0; a < 3; a++) world[a] += POSE(poses, mover, a);
+    for (int a = 0; a < 3; a++) {
+        world[a] = POSE(poses, mover, a);
+        for (int k = 0; k < 3; k++) world[a] += POSE(poses, mover, 3 + 3 * k + a) * local[k];
+    }
 }
 
 static void hold_pins(const Body *b, real *restrict x, const real *poses) {
@@ -242,20 +252,22 @@ static void collide(const Body *b, real *restrict x, const real *restrict p, con
     for (long c = 0; c < b->boxes; c++) {
         const int mover = b->box_mover[c];
         const real friction = b->box_friction[c];
-        real headings[3 * LANES], turned[LANES];
+        const real *axes = poses + (12 * (size_t)mover + 3) * LANES;
+        real turns[3 * LANES];
         follow(before, poses, mover, b->box_centre + 3 * c, starts, starts_moved);
-        for (int l = 0; l < LANES; l++) {
-            const real cosine = POSE(poses, mover, 3), sine = POSE(poses, mover, 4);
-            const real last_cosine = POSE(before, mover, 3), last_sine = POSE(before, mover, 4);
-            OF(headings, 0) = cosine;
-            OF(headings, 1) = sine;
-            OF(headings, 2) = 0;
-            turned[l] = sine * last_cosine - cosine * last_sine;
-        }
+        for (int l = 0; l < LANES; l++)
+            for (int a = 0; a < 3; a++) {
+                const int i = 3 + (a + 1) % 3, j = 3 + (a + 2) % 3;
+                real crossed = 0;
+                for (int k = 0; k < 9; k += 3)
+                    crossed += POSE(before, mover, i + k) * POSE(poses, mover, j + k) - POSE(before, mover, j + k) * POSE(poses, mover, i + k);
+                OF(turns, a) = crossed / 2;
+            }
         ELEMENTS(0, b->nodes)
             NODE
-            const real centre[3] = TAKE(starts), centre_moved[3] = TAKE(starts_moved), heading[3] = TAKE(headings);
-            box_push(position, moved, centre, heading, b->half + 3 * c, centre_moved, turned[l], (real)b->margin, friction, push);
+            const real centre[3] = TAKE(starts), centre_moved[3] = TAKE(starts_moved), turned[3] = TAKE(turns);
+            const real ahead[3] = TAKE(axes), left[3] = TAKE(axes + 3 * LANES), up[3] = TAKE(axes + 6 * LANES);
+            box_push(position, moved, centre, ahead, left, up, b->half + 3 * c, centre_moved, turned, (real)b->margin, friction, push);
             PUSH
         END
     }
@@ -277,15 +289,15 @@ static void settle(const Body *b, const real *restrict x, real *restrict v, cons
 }
 
 /* Write positions and velocities after each of `frames` frames of `steps` small steps of h seconds; 0, or 1 without memory.
-   `paths` holds the movers' positions and headings, at the start and at each frame's end, `controls` those of the muscles in
+   `paths` holds the movers' positions and quaternions, at the start and at each frame's end, `controls` those of the muscles in
    each frame, which their activations `active` follow. */
 int play(
     const Body *b, long frames, long steps, double h, const real *start, const real *paths, const real *controls, real *active,
     real *states
 ) {
     const size_t size = 3 * b->nodes * LANES;
-    const size_t stride = 4 * b->movers * LANES;
-    const size_t of_poses = 5 * b->movers * LANES;
+    const size_t stride = 7 * b->movers * LANES;
+    const size_t of_poses = 12 * b->movers * LANES;
     real *x = malloc((3 * size + 2 * of_poses) * sizeof(real));
     if (!x) return 1;
     real *v = x + size, *p = v + size, *poses = p + size, *before = poses + of_poses;
@@ -299,7 +311,7 @@ int play(
             real *spare = before;
             before = poses;
             poses = spare;
-            pose_movers(b, from, to, (step + 1) / (real)steps, poses);
+            pose_movers(b, from, to, (step + 1) / (double)steps, poses);
             for (long k = 0; k < b->muscles * LANES; k++) active[k] = held[k] + left * (active[k] - held[k]);
             if (b->air > 0) add_air(b, x, v, (real)h);
             if (b->face_drag > 0) add_water(b, x, v, (real)h);

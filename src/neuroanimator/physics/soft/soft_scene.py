@@ -35,7 +35,7 @@ WORLD = np.zeros(())
 
 
 Paths = Float[np.ndarray, "F D ..."]
-"""Positions [m] and headings [rad] of movers at the start and at the end of each frame."""
+"""Poses of movers at the start and at the end of each frame."""
 
 Parameters = Float[np.ndarray, "Q ..."]
 """Values of the parameters of each body."""
@@ -118,10 +118,10 @@ class SoftScene(abc.ABC):
         self,
         rng: np.random.Generator,
         starts: Float[np.ndarray, "B D"],
-        rates: Float[np.ndarray, "B D"],
+        rates: Float[np.ndarray, "B R"],
         steps: int,
         dt: float,
-    ) -> Float[np.ndarray, "B T D"]:
+    ) -> Float[np.ndarray, "B T R"]:
         """Return rates of the movers along `Movers.random_paths`, fast enough to throw a body that nothing holds."""
         return self.movers.random_paths(rng, starts, rates, steps, dt, pace_of(self.anchor))
 
@@ -137,7 +137,7 @@ class SoftScene(abc.ABC):
     ) -> Played:
         """Return positions from the motion's origin [m] and velocities [m/s] after each of F - 1 frames of `duration` [s].
 
-        `paths` are the movers' positions [m] and headings [rad] at the start and at the end of each frame, `parameters`
+        `paths` are the movers' poses at the start and at the end of each frame, `parameters`
         those of each body, by default nominal; muscles are idle by default.
         """
 
@@ -194,12 +194,11 @@ class SoftScene(abc.ABC):
             return np.average(positions, axis=0, weights=self.masses)
         if self.anchor < 0:
             return np.zeros(3)
-        entry = self.movers.places[self.anchor].entry
-        return self.movers.rest[entry : entry + 3]
+        return self.movers.places[self.anchor].placement.origin(self.movers.rest)
 
     def state_at_rest(self, centre: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " S"]:
         """Return a state without its shapes: all at rest, a free body upright at `centre` [m]."""
-        state = np.concatenate([self.movers.rest, np.zeros(self.movers.size)])
+        state = np.concatenate([self.movers.rest, np.zeros(self.movers.rate_size)])
         if self.anchor == FREE:
             state = np.concatenate([state, root_at_rest(centre)])
         return state
@@ -209,7 +208,7 @@ class SoftScene(abc.ABC):
         positions: ManyPoints,
         velocities: ManyPoints,
         movers: Float[np.ndarray, "*B D"],
-        rates: Float[np.ndarray, "*B D"],
+        rates: Float[np.ndarray, "*B R"],
         mean: Points,
         origin: Float[np.ndarray, " ..."] = WORLD,
     ) -> OwnMotion:
@@ -219,10 +218,10 @@ class SoftScene(abc.ABC):
             own.root[..., :3] += origin
             return own
         if self.anchor < 0:
-            rest = np.zeros((*movers.shape[:-1], 3))
-            return seen_from_mover(positions, velocities, rest - origin, rest)
+            still = np.zeros((*movers.shape[:-1], 3))
+            return seen_from_mover(positions, velocities, still - origin, None, still)
         place = self.movers.places[self.anchor]
-        entries = slice(place.entry, place.entry + place.size)
-        position = movers[..., entries].copy()
-        position[..., :3] -= origin
-        return seen_from_mover(positions, velocities, position, rates[..., entries])
+        position = place.placement.origin(movers) - origin
+        moving = rates[..., place.rate : place.rate + place.rate_size]
+        orientation = place.placement.quaternions(movers)
+        return seen_from_mover(positions, velocities, position, orientation, moving)

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from neuroanimator.appearance.binding import NO_ROTATION
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.definitions.flex import FlexDefinition
@@ -21,14 +20,14 @@ from neuroanimator.physics.soft.find_shapes import RestingShapes
 from neuroanimator.physics.soft.flex_model import geoms_below
 from neuroanimator.physics.soft.flex_scene import FlexScene
 from neuroanimator.physics.soft.mirror import odd_modes
-from neuroanimator.physics.soft.own_frame import ManyPoints, seen_from_root
+from neuroanimator.physics.soft.own_frame import ManyPoints, seen_from_root, spin_of
 from neuroanimator.physics.soft.scene import Scene
 from neuroanimator.physics.soft.soft_scene import WORLD, Motion
 from neuroanimator.physics.soft.throws import random_roots
 from neuroanimator.state.layout import Bounds, Layout, Slice
 from neuroanimator.state.links import Joint
 from neuroanimator.state.parameters import nominal_values
-from neuroanimator.state.rotation import continuous
+from neuroanimator.state.rotation import NO_ROTATION, continuous
 from neuroanimator.state.segments import (
     Constant,
     Driven,
@@ -156,13 +155,14 @@ class SoftSystem(System):
 
     def _structure(self, contact_nodes: int) -> Structure:
         first = self.shapes.first
-        size = self.scene.movers.size
+        movers = self.scene.movers
         count = len(self.shapes.modes)
         amplitudes = range(first, first + count)
-        segments: list[Segment] = [Driven(size=size), Lag(size=size)]
+        poses = Driven(size=movers.size, quaternions=movers.quaternions)
+        segments: list[Segment] = [poses, Lag(size=movers.rate_size)]
         plain = range(first, first + 2 * count)
         if self.is_free:
-            velocity = 2 * size + 7
+            velocity = movers.size + movers.rate_size + 7
             segments += [Position(rate=velocity), Quaternion(rate=velocity + 3), Velocity()]
             segments.append(Plain(size=3))
             plain = range(first - 3, first + 2 * count)
@@ -238,7 +238,7 @@ class SoftSystem(System):
             bones += scenery(self.scene.model, self.scene.data)
         movers = self.scene.movers
         if self.scene.muscles:
-            root = Joint("free", 2 * movers.size, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+            root = Joint("free", movers.size + movers.rate_size, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
             bones.append(Bone("body", -1, (0.0, 0.0, 0.0), NO_ROTATION, (root,), ()))
         for number, (name, mover, place) in enumerate(
             zip(movers.names, movers.tables, movers.places, strict=True)
@@ -248,7 +248,9 @@ class SoftSystem(System):
                 Joint("slide", place.entry + axis, tuple(axes[axis]), (0.0, 0.0, 0.0))
                 for axis in range(3)
             ]
-            if place.turns:
+            if place.turns_freely:
+                joints = [Joint("free", place.entry, tuple(axes[2]), (0.0, 0.0, 0.0))]
+            elif place.turns:
                 joints.append(Joint("hinge", place.entry + 3, tuple(axes[2]), (0.0, 0.0, 0.0)))
             shapes = self._drawn(number, mover)
             bones.append(Bone(name, -1, (0.0, 0.0, 0.0), NO_ROTATION, tuple(joints), shapes))
@@ -263,7 +265,7 @@ class SoftSystem(System):
 
     def motion(self, states: Float[np.ndarray, "L S"]) -> Motion:
         """Return the nodes of states, side by side: (N, 3, L) each, relative to their own frames' origins."""
-        size = self.scene.movers.size
+        movers = self.scene.movers
         first = self.shapes.first
         placement = self.shapes.placement
         local = self.shapes.unplaced(states)
@@ -276,9 +278,10 @@ class SoftSystem(System):
             velocity = states[:, first - 6 : first - 3]
             spin[:, 0] = states[:, first - 3 : first]
         elif placement.position >= 0:
-            velocity = states[:, size + placement.position : size + placement.position + 3]
-            if placement.heading >= 0:
-                spin[:, 0, 2] = states[:, size + placement.heading]
+            place = movers.places[self.scene.anchor]
+            rates = states[:, movers.size :][:, place.rate : place.rate + place.rate_size]
+            velocity = rates[:, :3]
+            spin[:, 0] = spin_of(rates)
         local_velocities = velocities + np.cross(spin, local)
         velocities = placement.turned(states, local_velocities) + velocity[:, None]
         positions = np.moveaxis(placement.turned(states, local), 0, -1)
@@ -289,7 +292,7 @@ class SoftSystem(System):
         positions: ManyPoints,
         velocities: ManyPoints,
         movers: Float[np.ndarray, "*B D"],
-        rates: Float[np.ndarray, "*B D"],
+        rates: Float[np.ndarray, "*B R"],
         origin: Float[np.ndarray, " ..."] = WORLD,
         parameters: Float[np.ndarray, "*#B Q"] | None = None,
         activations: Float[np.ndarray, "*B M"] | None = None,
@@ -340,13 +343,12 @@ class SoftSystem(System):
     ) -> Float[np.ndarray, "L T S"]:
         """Return the states after each control."""
         dt = substeps * scheme.dt
-        lanes, count = controls.shape[:2]
-        size = self.scene.movers.size
-        muscles = controls[..., size:]
+        count = controls.shape[1]
+        driven_by = self.scene.movers
+        muscles = controls[..., driven_by.rate_size :]
         active = starts[:, self.activations]
-        controls = controls[..., :size]
-        changes = dt * np.concatenate([np.zeros((lanes, 1, size)), controls], axis=1)
-        movers = starts[:, None, :size] + np.cumsum(changes, axis=1)
+        controls = controls[..., : driven_by.rate_size]
+        movers = driven_by.paths(starts[:, : driven_by.size], controls, dt)
         paths = np.moveaxis(movers, 0, -1)
         motion = self.motion(starts)
         parameters = starts[:, self.parameter_entries]
@@ -370,7 +372,8 @@ class SoftSystem(System):
             motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
         states = np.concatenate(told, axis=1)
         if self.is_free:
-            entries = slice(2 * size + 3, 2 * size + 7)
+            first = driven_by.size + driven_by.rate_size + 3
+            entries = slice(first, first + 4)
             turned = np.swapaxes(states[..., entries], 0, 1)
             states[..., entries] = np.swapaxes(continuous(turned, starts[None, :, entries]), 0, 1)
         return states
@@ -390,10 +393,10 @@ class SoftSystem(System):
         self.draw_bodies(rng, starts)
         if not self.is_free:
             return starts
-        size = self.scene.movers.size
-        entries = slice(2 * size, self.shapes.first)
+        movers = self.scene.movers
+        entries = slice(movers.size + movers.rate_size, self.shapes.first)
         centre = self.rest[entries][:3]
-        roots = random_roots(self.scene, rng, self.shapes.mean, centre, starts[:, :size])
+        roots = random_roots(self.scene, rng, self.shapes.mean, centre, starts[:, : movers.size])
         for start, root in zip(starts, roots, strict=True):
             if root is not None:
                 start[entries] = root
@@ -415,8 +418,9 @@ class SoftSystem(System):
             return self.scene.random_controls(rng, count, steps, dt)
         if starts is None:
             starts = np.repeat(self.rest[None], count, axis=0)
-        size = self.scene.movers.size
-        return self.scene.random_paths(rng, starts[:, :size], starts[:, size : 2 * size], steps, dt)
+        movers = self.scene.movers
+        poses, rates = np.split(starts, [movers.size], axis=1)
+        return self.scene.random_paths(rng, poses, rates[:, : movers.rate_size], steps, dt)
 
 
 def _shape(collider: ColliderTable) -> Shape:

@@ -39,7 +39,7 @@ def random_roots(
         has_gravity = scene.water.has_gravity
         return list(swimming_roots(scene.sampling, rng, centre, len(movers), has_gravity))
     contacts = scene.contacts(mean, tuple(range(len(mean))))
-    rates = np.zeros(scene.movers.size)
+    rates = np.zeros(scene.movers.rate_size)
     at_rest = contacts.distances(scene.state_at_rest(centre))
     deepest = min(-scene.margin, *(distance.min() for distance in at_rest))
     deepest -= ROUNDING * scene.size
