@@ -22,6 +22,7 @@ from neuroanimator.state.rotation import (
     heading_of,
     multiply,
     rotate,
+    upward,
 )
 from neuroanimator.text import did_you_mean, listed, quoted
 
@@ -175,24 +176,17 @@ def _follower(
         poses[:, len(AXES) :] = continuous(orientations)
         return follower, []
     headings = headings_of(orientations)
+    what, lost, does, key = "turns", np.ptp(headings), "does not", "true"
     if mover.turns:
         poses[:, len(AXES)] = headings
-        lost, does, key = _tilt_of(orientations), "turns about the vertical only", '"freely"'
-    else:
-        lost, does, key = float(np.ptp(headings)), "does not", "true"
+        tilts = np.arccos(np.clip(upward(orientations)[:, 2], -1, 1))
+        what, lost, does, key = "tilts", tilts.max(), "turns about the vertical only", '"freely"'
     if lost <= TURNS:
         return follower, []
-    what = "tilts" if mover.turns else "turns"
     return follower, [
         f"{path.name}: it {what} by {np.rad2deg(lost):.0f} degrees, but {name} {does}, so that is ignored. To keep it, set "
         f"'turns = {key}' of {name} in the TOML file and train again."
     ]
-
-
-def _tilt_of(orientations: Float[np.ndarray, "F 4"]) -> float:
-    """Return the largest angle between the vertical and where quaternions turn it [rad]."""
-    upright = 1 - 2 * (orientations[:, 1] ** 2 + orientations[:, 2] ** 2)
-    return float(np.arccos(np.clip(upright, -1, 1)).max())
 
 
 def _remarks_on_speed(

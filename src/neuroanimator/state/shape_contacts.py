@@ -204,7 +204,7 @@ class ShapeContacts:
             return []
         starts = [mover.entry for mover in self.movers]
         if self.anchor == FREE:
-            starts.append(first_after_movers(self.turning))
+            starts.append(self.first - ROOT)
         count = 3 if self.ground is None else 2
         return [tuple(start + axis for start in starts) for axis in range(count)]
 
@@ -291,7 +291,9 @@ class ShapeContacts:
         return shown
 
     def _now(self, state: Float[AnyArray, "... S"]) -> _Moment:
-        movers = state[..., : self.mover_size]
+        return self._moment(state[..., : self.mover_size], state)
+
+    def _moment(self, movers: Float[AnyArray, "... D"], state: Float[AnyArray, "... S"]) -> _Moment:
         placement = placement_of(self.turning, self.anchor)
         return _Moment(movers, placement.origin(state), placement.quaternions(state))
 
@@ -301,10 +303,8 @@ class ShapeContacts:
         """Return the poses after `dt` [s]; a free root coasts."""
         movers = moved(state[..., : self.mover_size], dt * control, quaternion_entries(self.movers))
         if self.anchor != FREE:
-            placement = placement_of(self.turning, self.anchor)
-            return _Moment(movers, placement.origin(movers), placement.quaternions(movers))
-        first = first_after_movers(self.turning)
-        root = state[..., first : first + ROOT]
+            return self._moment(movers, movers)
+        root = state[..., self.first - ROOT : self.first]
         origin = root[..., :3] + dt * root[..., 7:10]
         return _Moment(movers, origin, rotated_by(root[..., 3:7], dt * root[..., 10:]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -44,24 +45,18 @@ HOLDING = (0.1, 0.4)
 RETURN = 0.5
 """Time constant with which a mover returns to its path [s]."""
 
-SLICES: dict[str, dict[Turns, list[tuple[str, int, str]]]] = {
-    "pose": {
-        False: [("", 3, "m")],
-        True: [("", 3, "m"), ("_heading", 1, "rad")],
-        FREELY: [("", 3, "m"), ("_orientation", 4, "quaternion")],
-    },
+MOVED = {"pose": ("", "m"), "rate": ("_velocity", "m/s"), "control": ("", "m/s")}
+"""Suffixes and units of what moves in a state, in its rates and in a control."""
+
+TURNED: dict[str, dict[Turns, Slice]] = {
+    "pose": {True: Slice("_heading", 1, "rad"), FREELY: Slice("_orientation", 4, "quaternion")},
     "rate": {
-        False: [("_velocity", 3, "m/s")],
-        True: [("_velocity", 3, "m/s"), ("_turning_rate", 1, "rad/s")],
-        FREELY: [("_velocity", 3, "m/s"), ("_angular_velocity", 3, "rad/s")],
+        True: Slice("_turning_rate", 1, "rad/s"),
+        FREELY: Slice("_angular_velocity", 3, "rad/s"),
     },
-    "control": {
-        False: [("", 3, "m/s")],
-        True: [("", 3, "m/s"), ("_turning", 1, "rad/s")],
-        FREELY: [("", 3, "m/s"), ("_turning", 3, "rad/s")],
-    },
+    "control": {True: Slice("_turning", 1, "rad/s"), FREELY: Slice("_turning", 3, "rad/s")},
 }
-"""Suffixes, sizes and units of a mover's slices in a state, in its rates and in a control, by how it turns."""
+"""Suffixes, sizes and units of what turns, by how it does."""
 
 
 class Pace(NamedTuple):
@@ -124,11 +119,14 @@ class Movers:
 
     def slices(self, kind: Literal["pose", "rate", "control"]) -> list[Slice]:
         """Return the parts of a state that hold poses, or their rates; or those of a control."""
-        return [
-            Slice(name + suffix, size, unit)
-            for name, turns in zip(self.names, self.turning, strict=True)
-            for suffix, size, unit in SLICES[kind][turns]
-        ]
+        suffix, unit = MOVED[kind]
+        parts = []
+        for name, turns in zip(self.names, self.turning, strict=True):
+            parts.append(Slice(name + suffix, 3, unit))
+            if turns:
+                turned = TURNED[kind][turns]
+                parts.append(replace(turned, name=name + turned.name))
+        return parts
 
     def moved(
         self, poses: Float[np.ndarray, "*B D"], changes: Float[np.ndarray, "*B R"]

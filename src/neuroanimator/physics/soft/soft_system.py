@@ -38,7 +38,7 @@ from neuroanimator.state.segments import (
     Segment,
     Velocity,
 )
-from neuroanimator.state.shape_contacts import FREE
+from neuroanimator.state.shape_contacts import FREE, ROOT
 from neuroanimator.state.structure import REVERSED_ABOUT, SoftSwimmer, Structure
 from neuroanimator.systems.system import LONG_WINDOW, Scheme, System
 from neuroanimator.terminal import inner_bar
@@ -162,7 +162,7 @@ class SoftSystem(System):
         segments: list[Segment] = [poses, Lag(size=movers.rate_size)]
         plain = range(first, first + 2 * count)
         if self.is_free:
-            velocity = movers.size + movers.rate_size + 7
+            velocity = first - 6
             segments += [Position(rate=velocity), Quaternion(rate=velocity + 3), Velocity()]
             segments.append(Plain(size=3))
             plain = range(first - 3, first + 2 * count)
@@ -238,7 +238,7 @@ class SoftSystem(System):
             bones += scenery(self.scene.model, self.scene.data)
         movers = self.scene.movers
         if self.scene.muscles:
-            root = Joint("free", movers.size + movers.rate_size, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+            root = Joint("free", self.shapes.first - ROOT, (0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
             bones.append(Bone("body", -1, (0.0, 0.0, 0.0), NO_ROTATION, (root,), ()))
         for number, (name, mover, place) in enumerate(
             zip(movers.names, movers.tables, movers.places, strict=True)
@@ -372,8 +372,7 @@ class SoftSystem(System):
             motion = Motion(played[0][-1], played[1][-1], motion.origin).recentred()
         states = np.concatenate(told, axis=1)
         if self.is_free:
-            first = driven_by.size + driven_by.rate_size + 3
-            entries = slice(first, first + 4)
+            entries = slice(self.shapes.first - 10, self.shapes.first - 6)
             turned = np.swapaxes(states[..., entries], 0, 1)
             states[..., entries] = np.swapaxes(continuous(turned, starts[None, :, entries]), 0, 1)
         return states
@@ -393,10 +392,10 @@ class SoftSystem(System):
         self.draw_bodies(rng, starts)
         if not self.is_free:
             return starts
-        movers = self.scene.movers
-        entries = slice(movers.size + movers.rate_size, self.shapes.first)
+        entries = slice(self.shapes.first - ROOT, self.shapes.first)
         centre = self.rest[entries][:3]
-        roots = random_roots(self.scene, rng, self.shapes.mean, centre, starts[:, : movers.size])
+        movers = starts[:, : self.scene.movers.size]
+        roots = random_roots(self.scene, rng, self.shapes.mean, centre, movers)
         for start, root in zip(starts, roots, strict=True):
             if root is not None:
                 start[entries] = root
