@@ -112,8 +112,8 @@ def bone_paths(emulator: Emulator, file: str | Path) -> dict[str, RecordedPath]:
     found = {name: read_path(f"{file}:{name}") for name in movers if name in nodes}
     if not found:
         raise ArgumentError(
-            f"path: no node of {file} is called as a mover. Movers: {listed(movers) or 'none'}; nodes: {listed(sorted(nodes))}. "
-            "Give MOVER=FILE.glb:NODE."
+            f"path: no node of {file} is called as a mover. Movers: {listed(movers) or 'none'}; nodes: "
+            f"{listed(map(quoted, sorted(nodes)))}. Give MOVER=FILE.glb:NODE."
         )
     return found
 
