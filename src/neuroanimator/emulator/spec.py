@@ -140,7 +140,10 @@ class EmulatorSpec(eqx.Module):
 
             check_carried(system, definition, substeps, dt)
         pairs = listed(
-            metadata["rates"], "rates", lambda pair, what: entries(pair, what, state.size, 2)
+            metadata["rates"],
+            "rates",
+            lambda pair, what: entries(pair, what, state.size, 2),
+            most=state.size,
         )
         if len({position for position, _ in pairs}) < len(pairs):
             raise ValueError("rates: an entry has two")

@@ -59,13 +59,19 @@ def flag(value: Any, what: str) -> bool:
 
 
 def listed(
-    value: Any, what: str, read: Callable[[Any, str], T], size: int | None = None
+    value: Any,
+    what: str,
+    read: Callable[[Any, str], T],
+    size: int | None = None,
+    most: int | None = None,
 ) -> tuple[T, ...]:
-    """Return a list's entries, each read by `read`; `size` of them if that is given."""
+    """Return a list's entries, each read by `read`; `size` of them, or at `most` so many, if these are given."""
     if not isinstance(value, list | tuple):
         raise ValueError(f"{what}: wanted a list, got {quoted(value)}")
     if size is not None and len(value) != size:
         raise ValueError(f"{what}: wanted {size} entries, got {len(value)}")
+    if most is not None and len(value) > most:
+        raise ValueError(f"{what}: wanted at most {most} entries, got {len(value)}")
     return tuple(read(entry, what) for entry in value)
 
 

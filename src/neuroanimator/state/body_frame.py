@@ -160,9 +160,7 @@ class Frame(eqx.Module):
                 )
             if segment.rate >= state_size - 1:
                 raise ValueError("frame: a rate lies outside the state")
-        probes = listed(described["probes"], "frame: probes", _probe)
-        if len(probes) > MAX_PROBES:
-            raise ValueError(f"frame: {len(probes)} probes; wanted at most {MAX_PROBES}")
+        probes = listed(described["probes"], "frame: probes", _probe, most=MAX_PROBES)
         if probes and not moves_freely(segments):
             raise ValueError("frame: probes need a root that moves freely")
         probe_modes = ()

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from jaxtyping import Float
 
-from neuroanimator.files.numbers import entries, number, whole
+from neuroanimator.files.numbers import entries, listed, number, whole
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.layout import MAX_NUMBERS, Pairs
 from neuroanimator.state.mover_poses import moved
@@ -457,14 +457,12 @@ def segments_to_json(segments: tuple[Segment, ...]) -> list[list[Any]]:
 
 def segments_from_json(rows: Any) -> tuple[Segment, ...]:
     """Return the segments `segments_to_json` wrote; ValueError if they are invalid."""
-    if not isinstance(rows, list):
-        raise ValueError("segments: wanted a list")
-    return tuple(_segment_from_json(row) for row in rows)
+    return listed(rows, "segment", _segment_from_json, most=MAX_NUMBERS)
 
 
-def _segment_from_json(row: Any) -> Segment:
+def _segment_from_json(row: Any, what: str) -> Segment:
     if not isinstance(row, list) or len(row) not in (4, 5):
-        raise ValueError(f"segment: wanted kind, size, rate and response, got {quoted(row)}")
+        raise ValueError(f"{what}: wanted kind, size, rate and response, got {quoted(row)}")
     kind, size, rate, time_constant, *others = row
     whole(size, "segment: size", 1, MAX_NUMBERS)
     whole(rate, "segment: rate", -1, MAX_NUMBERS)
