@@ -158,11 +158,10 @@ def _paths_about(
     movers = movers_of(emulator.system, emulator.definition, emulator.rest)
     if movers is None:
         return None
-    places, rates = np.split(np.asarray(start, float)[: 2 * movers.size], 2)
-    places = np.repeat(places[None], count, axis=0)
-    rates = np.repeat(rates[None], count, axis=0)
-    pace = pace_of(contacts.anchor)
-    return movers.random_paths(rng, places, rates, steps, emulator.dt, pace)
+    starts = np.repeat(np.asarray(start, float)[None], count, axis=0)
+    return movers.random_paths(
+        rng, *movers.of(starts), steps, emulator.dt, pace_of(contacts.anchor)
+    )
 
 
 def _liveliest(

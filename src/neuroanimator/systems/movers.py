@@ -128,6 +128,12 @@ class Movers:
                 parts.append(replace(turned, name=name + turned.name))
         return parts
 
+    def of(
+        self, states: Float[np.ndarray, "B S"]
+    ) -> tuple[Float[np.ndarray, "B D"], Float[np.ndarray, "B R"]]:
+        """Return the movers' poses and rates in states, which begin with them."""
+        return states[:, : self.size], states[:, self.size : self.size + self.rate_size]
+
     def moved(
         self, poses: Float[np.ndarray, "*B D"], changes: Float[np.ndarray, "*B R"]
     ) -> Float[np.ndarray, "*B D"]:
