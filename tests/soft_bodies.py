@@ -90,6 +90,19 @@ def moving_states(system: SoftSystem) -> np.ndarray:
     return rng.permutation(states[:, 1:].reshape(count * steps, -1))
 
 
+def hanging_cloth(folder: Path, name: str, toml: str) -> Path:
+    """Return the TOML file of a square cloth of 8 x 8 nodes that hangs from its first row, with its mesh beside it."""
+    side = 8
+    line = np.linspace(0, 1, side)
+    rows = [f"v {0.6 * (x - 0.5):.4f} 0 {1 - 0.8 * z:.4f}" for z in line for x in line]
+    for first in (np.arange(side - 1)[:, None] * side + np.arange(1, side)).ravel().tolist():
+        rows.append(f"f {first} {first + side} {first + side + 1} {first + 1}")
+    (folder / f"{name}.obj").write_text("\n".join(rows))
+    path = folder / f"{name}.toml"
+    path.write_text(toml)
+    return path
+
+
 def poses_of(headed: np.ndarray) -> np.ndarray:
     """Return poses (F, M, 7, ...) of movers with positions [m] and headings [rad] (F, M, 4, ...)."""
     turned = np.moveaxis(facing(headed[:, :, 3]), -1, 2)

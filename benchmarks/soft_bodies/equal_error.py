@@ -51,7 +51,7 @@ class Test(NamedTuple):
     """Super step [s]."""
     paths: Float[np.ndarray, "F D L"]
     """Poses of movers, the start included."""
-    given: Float[np.ndarray, "D L"]
+    given: Float[np.ndarray, "R L"]
     """Their rates before the start."""
     parameters: Float[np.ndarray, "Q L"]
     """Those of each run, random."""
@@ -117,7 +117,7 @@ def known_states(test: Test) -> Float[np.ndarray, "L S"]:
     return test.system.encode(*moving, parameters=test.parameters.T, activations=active)
 
 
-def controls_of(test: Test) -> Float[np.ndarray, "L T D"]:
+def controls_of(test: Test) -> Float[np.ndarray, "L T C"]:
     """Return the controls that move the movers along the test's paths, and those of the muscles."""
     poses = np.moveaxis(test.paths, -1, 0)
     quaternions = test.system.scene.movers.quaternions

@@ -13,7 +13,6 @@ from neuroanimator.animation.motion import STEP_ROUNDING, Drive
 from neuroanimator.animation.recorded_path import RecordedPath, headings_of, read_path
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.files.glb import read_glb
 from neuroanimator.state.mover_poses import Mover, change_between, moved
 from neuroanimator.state.rotation import (
     NO_ROTATION,
@@ -100,22 +99,6 @@ def path_drive(
     for follower in followers:
         controls[:, follower.mover.rates] = follower.rates(emulator.dt)
     return Drive(_start(emulator, followers), controls, tuple(remarks))
-
-
-def bone_paths(emulator: Emulator, file: str | Path) -> dict[str, RecordedPath]:
-    """Return the paths of all movers that are called as a node of a GLB file, along its first animation.
-
-    Raises ArgumentError if there is none, BadFileError for a faulty file.
-    """
-    movers = movers_of(emulator)
-    nodes = {str(node.get("name")) for node in read_glb(Path(file)).objects("nodes")}
-    found = {name: read_path(f"{file}:{name}") for name in movers if name in nodes}
-    if not found:
-        raise ArgumentError(
-            f"path: no node of {file} is called as a mover. Movers: {listed(movers) or 'none'}; nodes: "
-            f"{listed(map(quoted, sorted(nodes)))}. Give MOVER=FILE.glb:NODE."
-        )
-    return found
 
 
 def movers_of(emulator: Emulator) -> dict[str, Mover]:
@@ -279,6 +262,8 @@ def _carry(
     old, new = (anchor.placement.quaternions(poses) for poses in (before, state))
     turn = np.array(NO_ROTATION) if old is None or new is None else multiply(new, conjugate(old))
     for mover in movers.values():
+        if mover == anchor:
+            continue
         place = mover.placement
         away = place.origin(before) - anchor.placement.origin(before)
         state[mover.entries][: len(AXES)] = pose[: len(AXES)] + rotate(turn, away)
@@ -286,4 +271,3 @@ def _carry(
             state[mover.entries][len(AXES) :] = multiply(turn, place.quaternions(before))
         elif mover.turns:
             state[place.heading] = before[place.heading] + heading_of(turn)
-    state[anchor.entries] = pose

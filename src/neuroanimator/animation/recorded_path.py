@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from neuroanimator.animation.glb_motion import Track, node_motion
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import one_line, read_bounded
 from neuroanimator.files.clock import resolution_of, straightened
-from neuroanimator.files.glb import read_glb
+from neuroanimator.files.glb import Glb, read_glb
 from neuroanimator.files.number_table import read_header, read_numbers
 from neuroanimator.state.columns import TIME, time_column, without_brackets
 from neuroanimator.state.rotation import facing
@@ -118,12 +119,31 @@ def read_path(source: str | Path) -> RecordedPath:
         raise ArgumentError(
             f"path: wanted the name of a node after {quoted(text)}, such as {path.name}:Spine2."
         )
+    return _of_node(read_glb(path), path, found["part"], text)
+
+
+def paths_of_nodes(path: Path, wanted: Collection[str]) -> dict[str, RecordedPath]:
+    """Return the paths of the `wanted` nodes of a GLB file that it has, along its first animation.
+
+    Raises ArgumentError, which lists its nodes, if it has none of them, BadFileError if it is faulty.
+    """
     file = read_glb(path)
+    nodes = sorted(str(node.get("name")) for node in file.objects("nodes"))
+    found = [name for name in wanted if name in nodes]
+    if not found:
+        raise ArgumentError(
+            f"path: no node of {path} is called as a mover. Movers: {listed(wanted) or 'none'}; nodes: "
+            f"{listed(map(quoted, nodes))}. Give MOVER=FILE.glb:NODE."
+        )
+    return {name: _of_node(file, path, name, f"{path}:{name}") for name in found}
+
+
+def _of_node(file: Glb, path: Path, node: str, name: str) -> RecordedPath:
     try:
-        times, positions, orientations = node_motion(file, found["part"])
+        times, positions, orientations = node_motion(file, node)
     except ValueError as error:
         raise BadFileError(f"{path}: {one_line(error)}.") from error
-    return RecordedPath(text, times, positions, orientations)
+    return RecordedPath(name, times, positions, orientations)
 
 
 def _from_csv(path: Path, part: str | None) -> RecordedPath:

@@ -17,8 +17,8 @@ from neuroanimator.animation.motion import (
     named_start,
     random_drive,
 )
-from neuroanimator.animation.path_drive import bone_paths, path_drive
-from neuroanimator.animation.recorded_path import RecordedPath
+from neuroanimator.animation.path_drive import movers_of, path_drive
+from neuroanimator.animation.recorded_path import RecordedPath, paths_of_nodes
 from neuroanimator.cli.formats import emulator_for
 from neuroanimator.cli.usage import is_given
 from neuroanimator.control.policies.school import school_of
@@ -155,7 +155,7 @@ def _along_paths(model: Emulator, options: MotionOptions) -> Drive:
     for text in options.path or ():
         name, equals, source = text.partition("=")
         if not equals and text.lower().endswith(".glb"):
-            paths = bone_paths(model, text) | paths
+            paths = paths_of_nodes(Path(text), movers_of(model)) | paths
             continue
         if not equals or not name or not source:
             raise ArgumentError(

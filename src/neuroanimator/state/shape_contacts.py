@@ -317,7 +317,7 @@ class ShapeContacts:
             mover = self.movers[index]
             shown.append(now.to_own(rates[..., mover.rate : mover.rate + 3]))
             if mover.turns:
-                shown.append(rates[..., mover.rate + 3 : mover.rate + mover.rate_size])
+                shown.append(rates[..., mover.rates][..., 3:])
         return shown
 
     def _direction(self, moment: _Moment, index: int, vector: Point) -> Float[AnyArray, "... 3"]:

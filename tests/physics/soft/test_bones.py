@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from soft_bodies import hasty_emulator, moving_states
+from soft_bodies import hanging_cloth, hasty_emulator, moving_states
 
 import neuroanimator as na
-from neuroanimator.animation.path_drive import bone_paths
+from neuroanimator.animation.motion import random_drive
+from neuroanimator.animation.path_drive import movers_of
+from neuroanimator.animation.recorded_path import paths_of_nodes
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
 from neuroanimator.physics.soft.program import SoftProgram
 from neuroanimator.state.mover_poses import change_between, moved
@@ -22,9 +24,6 @@ from neuroanimator.state.rotation import (
     rotation_between,
 )
 from neuroanimator.state.segments import Driven, segments_from_json, segments_to_json
-
-SIDE = 8
-"""Number of nodes along an edge of the cloth."""
 
 DT = 1 / 30
 
@@ -62,15 +61,7 @@ SHIFT = np.array([3.0, -2.0, 5.0])
 
 @pytest.fixture(scope="module")
 def toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("wrap")
-    line = np.linspace(0, 1, SIDE)
-    rows = [f"v {0.6 * (x - 0.5):.4f} 0 {1 - 0.8 * z:.4f}" for z in line for x in line]
-    for first in (np.arange(SIDE - 1)[:, None] * SIDE + np.arange(1, SIDE)).ravel().tolist():
-        rows.append(f"f {first} {first + SIDE} {first + SIDE + 1} {first + 1}")
-    (folder / "wrap.obj").write_text("\n".join(rows))
-    path = folder / "wrap.toml"
-    path.write_text(TOML)
-    return path
+    return hanging_cloth(tmp_path_factory.mktemp("wrap"), "wrap", TOML)
 
 
 @pytest.fixture(scope="module")
@@ -246,6 +237,13 @@ def test_the_emulator_knows_the_bones_exactly_and_survives_its_file(wrap, emulat
     np.testing.assert_array_equal(np.asarray(again.rollout(start, controls)), states)
 
 
+def test_a_random_motion_keeps_to_the_bounds_and_turns(emulator):
+    drive = random_drive(emulator, 2.0, 1)
+    assert drive.controls.shape[1] == 12
+    assert emulator.bounds.contain(drive.controls)
+    assert np.abs(drive.controls[:, 9:]).max() > 0.1
+
+
 def test_a_path_tilts_what_turns_freely(emulator):
     """And only that: a remark says what another mover cannot follow."""
     times = np.linspace(0, 1, 31)
@@ -271,7 +269,7 @@ def test_a_character_moves_the_movers_called_as_its_bones(wrap, emulator, tmp_pa
     states = np.asarray(emulator.rollout(start, controls), float)
     character = tmp_path / "character.glb"
     na.write_glb(na.make_clip(emulator, states, rate=30), character)
-    found = bone_paths(emulator, character)
+    found = paths_of_nodes(character, movers_of(emulator))
     assert sorted(found) == ["arm", "chest"]
     drive = na.path_drive(emulator, found)
     followed = np.asarray(emulator.rollout(drive.start, drive.controls), float)[: len(states), :14]
@@ -282,7 +280,7 @@ def test_a_character_moves_the_movers_called_as_its_bones(wrap, emulator, tmp_pa
     with pytest.raises(
         ArgumentError, match="no node of .* is called as a mover. Movers: arm, chest"
     ):
-        bone_paths(emulator, character_without_names(tmp_path))
+        paths_of_nodes(character_without_names(tmp_path), movers_of(emulator))
 
 
 def character_without_names(folder: Path) -> Path:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from soft_bodies import hasty_emulator, moving_states
+from soft_bodies import hanging_cloth, hasty_emulator, moving_states
 
 import neuroanimator as na
 from neuroanimator.state.rotation import facing, rotate_in_plane
@@ -43,15 +43,7 @@ colliders = [{ radius = 0.1 }]
 
 @pytest.fixture(scope="module")
 def toml(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("cape")
-    line = np.linspace(0, 1, SIDE)
-    rows = [f"v {0.6 * (x - 0.5):.4f} 0 {1 - 0.8 * z:.4f}" for z in line for x in line]
-    for first in (np.arange(SIDE - 1)[:, None] * SIDE + np.arange(1, SIDE)).ravel().tolist():
-        rows.append(f"f {first} {first + SIDE} {first + SIDE + 1} {first + 1}")
-    (folder / "cape.obj").write_text("\n".join(rows))
-    path = folder / "cape.toml"
-    path.write_text(TOML)
-    return path
+    return hanging_cloth(tmp_path_factory.mktemp("cape"), "cape", TOML)
 
 
 @pytest.fixture(scope="module")

@@ -222,6 +222,7 @@ class SoftScene(abc.ABC):
             return seen_from_mover(positions, velocities, still - origin, None, still)
         place = self.movers.places[self.anchor]
         position = place.placement.origin(movers) - origin
-        moving = rates[..., place.rate : place.rate + place.rate_size]
         orientation = place.placement.quaternions(movers)
-        return seen_from_mover(positions, velocities, position, orientation, moving)
+        return seen_from_mover(
+            positions, velocities, position, orientation, rates[..., place.rates]
+        )

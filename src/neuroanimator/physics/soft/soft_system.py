@@ -278,8 +278,7 @@ class SoftSystem(System):
             velocity = states[:, first - 6 : first - 3]
             spin[:, 0] = states[:, first - 3 : first]
         elif placement.position >= 0:
-            place = movers.places[self.scene.anchor]
-            rates = states[:, movers.size :][:, place.rate : place.rate + place.rate_size]
+            rates = states[:, movers.size :][:, movers.places[self.scene.anchor].rates]
             velocity = rates[:, :3]
             spin[:, 0] = spin_of(rates)
         local_velocities = velocities + np.cross(spin, local)
@@ -417,9 +416,7 @@ class SoftSystem(System):
             return self.scene.random_controls(rng, count, steps, dt)
         if starts is None:
             starts = np.repeat(self.rest[None], count, axis=0)
-        movers = self.scene.movers
-        poses, rates = np.split(starts, [movers.size], axis=1)
-        return self.scene.random_paths(rng, poses, rates[:, : movers.rate_size], steps, dt)
+        return self.scene.random_paths(rng, *self.scene.movers.of(starts), steps, dt)
 
 
 def _shape(collider: ColliderTable) -> Shape:
