@@ -258,8 +258,8 @@ def describe_surface(skeleton: Skeleton) -> dict[str, Any] | None:
 def describe_movers(spec: EmulatorSpec) -> list[list[Any]]:
     """Return [name, entry, control entry, size] of each mover of a soft body.
 
-    So many numbers of a state are its position [m] and, of one that turns, its heading [rad]; so many controls are their
-    rates.
+    So many controls are the rates of its position [m] and, of one that turns, of its heading [rad]: as many numbers of a
+    state. Of one that turns freely six controls are the rates of seven numbers, of which four are its quaternion.
     """
     if spec.skeleton.shapes is None:
         return []

@@ -84,7 +84,8 @@ def wander(emulator: Emulator) -> Drive:
         axes = mover.rate + np.arange(mover.rate_size)
         is_shaken = is_solid and number == contacts.anchor
         reach = np.full(mover.rate_size, (SHAKE if is_shaken else SWAY) * size)
-        reach[3:] = TURN
+        reach[3:4] = TURN
+        reach[4:] = 0.0  # about one axis, so that it ends where it began
         for waves in SHAKES if is_shaken else WAVES:
             paths[:, axes] += reach * np.cos(MIXTURE * axes + waves) * np.sin(waves * turns)
         if is_shaken:

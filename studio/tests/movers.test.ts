@@ -134,3 +134,44 @@ test("each of a crowd goes where the emulator alone goes, from a place of its ow
   }
   states[0]!.forEach((value, i) => expect(value).toBeCloseTo(alone[i]!, 3));
 });
+
+/** A bone: its position, its quaternion, and the six rates that are its controls. */
+const BONE = {
+  dt: DT,
+  rest: [0, 0, 1, 1, 0, 0, 0],
+  control_low: [-1, -1, -1, -2, -2, -2],
+  control_high: [1, 1, 1, 2, 2, 2],
+  rates: [],
+  orientations: [],
+  movers: [["bone", 0, 0, 6]],
+} as unknown as Bundle;
+
+/** The bone after a super step: its quaternion is turned by a Rodrigues vector along its own axes. */
+function turned(state: Float32Array, control: ArrayLike<number>): Float32Array<ArrayBuffer> {
+  const [w, x, y, z] = state.subarray(3) as unknown as [number, number, number, number];
+  const [a, b, c] = [3, 4, 5].map((i) => (DT / 2) * control[i]!) as [number, number, number];
+  const quaternion = [w - x * a - y * b - z * c, w * a + x + y * c - z * b, w * b - x * c + y + z * a, w * c + x * b - y * a + z];
+  const length = Math.hypot(...quaternion);
+  const position = [0, 1, 2].map((i) => state[i]! + DT * control[i]!);
+  return Float32Array.from([...position, ...quaternion.map((number) => number / length)]);
+}
+
+test("a bone that turns freely comes back to its path, whatever the sign of its quaternion", () => {
+  const motion = new Motion(DT, 7, 6, { rates: [], orientations: [] }, BONE.rest);
+  for (let step = 0; step < STEPS; step++) {
+    const angle = (2 * Math.PI * (step + 0.5)) / STEPS;
+    const control = [0.3 * Math.cos(angle), 0, 0, 0.8 * Math.cos(angle), 0, 0];
+    motion.append(control, turned(motion.state(step), control), 0);
+  }
+  const path = new WanderPath(motion, BONE);
+  const pilot = new MoverPilot(BONE, path);
+  const lean = Math.sin(0.4);
+  let state = Float32Array.from([0.2, 0.1, 1.1, -Math.cos(0.4), -0.6 * lean, 0, -0.8 * lean]);
+  for (let step = 0; step < 12 / DT; step++) {
+    state = turned(state, pilot.control(state));
+  }
+  const there = path.state(path.nearest(state));
+  const along = [3, 4, 5, 6].reduce((sum, i) => sum + state[i]! * there[i]!, 0);
+  expect(Math.abs(along)).toBeGreaterThan(0.999);
+  [0, 1, 2].forEach((i) => expect(state[i]).toBeCloseTo(there[i]!, 1));
+});

@@ -56,9 +56,9 @@ export class WanderPath {
     for (let step = 0; step < this.steps; step++) {
       const there = this.state(step);
       let square = 0;
-      for (const [, entry, , size] of this.facts.movers ?? []) {
-        for (let i = entry; i < entry + size; i++) {
-          square += (there[i]! - state[i]!) ** 2;
+      for (const mover of this.facts.movers ?? []) {
+        for (const away of wayBetween(mover, state, there)) {
+          square += away ** 2;
         }
       }
       if (square < least) {
@@ -68,6 +68,20 @@ export class WanderPath {
     }
     return nearest;
   }
+}
+
+/** Return the way of a mover from a state (S) to another: metres, and radians about Z, or about its own axes if it turns freely. */
+function wayBetween([, entry, , size]: MoverFacts, from: ArrayLike<number>, to: ArrayLike<number>): number[] {
+  const straight = size > 4 ? 3 : size;
+  const way = Array.from({ length: straight }, (_, axis) => to[entry + axis]! - from[entry + axis]!);
+  if (straight === size) {
+    return way;
+  }
+  const [a, b, c, d] = [0, 1, 2, 3].map((i) => from[entry + 3 + i]!) as [number, number, number, number];
+  const [w, x, y, z] = [0, 1, 2, 3].map((i) => to[entry + 3 + i]!) as [number, number, number, number];
+  const sign = a * w + b * x + c * y + d * z < 0 ? -2 : 2;
+  way.push(sign * (a * x - b * w - c * z + d * y), sign * (a * y + b * z - c * w - d * x), sign * (a * z - b * y + c * x - d * w));
+  return way;
 }
 
 export class MoverPilot implements Pilot {
@@ -160,13 +174,13 @@ export class MoverPilot implements Pilot {
     const there = this.path.state(step);
     const control = this.path.control(step);
     let isThere = true;
-    for (const [, entry, first, size] of this.#movers) {
-      for (let axis = 0; axis < size; axis++) {
-        const away = there[entry + axis]! - state[entry + axis]!;
+    for (const mover of this.#movers) {
+      const first = mover[2];
+      wayBetween(mover, state, there).forEach((away, axis) => {
         const nearly = 2 * this.facts.dt * this.facts.control_high[first + axis]!;
         isThere &&= Math.abs(away) < nearly;
         this.#set(first + axis, away / (4 * RESPONSE), RETURN);
-      }
+      });
     }
     this.#step = isThere ? step + 1 : null;
     if (isThere) {
