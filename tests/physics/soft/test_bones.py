@@ -24,6 +24,7 @@ from neuroanimator.state.rotation import (
     rotation_between,
 )
 from neuroanimator.state.segments import Driven, segments_from_json, segments_to_json
+from neuroanimator_studio.opening import wander
 
 DT = 1 / 30
 
@@ -242,6 +243,13 @@ def test_a_random_motion_keeps_to_the_bounds_and_turns(emulator):
     assert drive.controls.shape[1] == 12
     assert emulator.bounds.contain(drive.controls)
     assert np.abs(drive.controls[:, 9:]).max() > 0.1
+
+
+def test_what_the_studio_shows_ends_where_it_began(emulator):
+    drive = wander(emulator)
+    states = np.asarray(emulator.rollout(drive.start, drive.controls))
+    assert np.abs(states[:, 3:7] - states[0, 3:7]).max() > 0.05
+    np.testing.assert_allclose(states[-1, :14], states[0, :14], atol=1e-3)
 
 
 def test_a_path_tilts_what_turns_freely(emulator):
