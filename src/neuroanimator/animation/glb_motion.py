@@ -11,18 +11,21 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.animation.glb_rig import (
+    MAX_LENGTH_ERROR,
+    MAX_VALUE,
+    WIDTHS,
+    Rig,
+    properties_of,
+    taken_apart,
+    z_up,
+)
 from neuroanimator.animation.interpolate import hermite_cubic
 from neuroanimator.files.clock import resolution_of, straightened
 from neuroanimator.files.glb import Glb, object_at, objects_in
-from neuroanimator.files.numbers import entries, numbers, whole
-from neuroanimator.state.rotation import conjugate, multiply, quaternions_of, rotate
+from neuroanimator.files.numbers import whole
+from neuroanimator.state.rotation import conjugate, multiply, rotate
 from neuroanimator.text import did_you_mean, listed, quoted
-
-MAX_DEPTH = 1000
-"""Maximum number of nodes above a node."""
-
-MAX_VALUE = 1e6
-"""Largest coordinate, scale or time accepted."""
 
 SAMPLING = 1 / 120
 """Time between two samples [s]; every keyframe is sampled, too."""
@@ -36,24 +39,11 @@ MAX_POSES = 20_000_000
 MAX_KEYFRAMES = 20_000_000
 """Maximum number of keyframes of all properties together, of which many may share their times."""
 
-WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
-"""Numbers per value of each property that can be animated, by its name in the format."""
-
 PROPERTIES = list(WIDTHS)
 """The names as a list, in which any value from a file can be looked up."""
 
-AT_REST = {
-    "translation": (0.0, 0.0, 0.0),
-    "rotation": (0.0, 0.0, 0.0, 1.0),
-    "scale": (1.0, 1.0, 1.0),
-}
-"""Default properties of a node."""
-
 CUBIC_VALUES = 3
 """Number of values per keyframe of a cubic spline: in-tangent, value, out-tangent."""
-
-MAX_LENGTH_ERROR = 0.05
-"""Maximum deviation of a quaternion's length from 1: files round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,25 +102,26 @@ def node_motion(
 ) -> tuple[Float[np.ndarray, " F"], Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"]]:
     """Return times [s], positions [m] and orientations of the node called `name` along the first animation.
 
-    An orientation is the node's rotation in the world, relative to its pose without the animation. Raises ValueError
-    with what is wrong with the file.
+    An orientation is the node's rotation in the world, relative to the pose to which the skin is bound if it is a joint of
+    one, and otherwise to its pose without the animation. Raises ValueError with what is wrong with the file.
     """
-    nodes = file.objects("nodes")
-    chain = _chain(nodes, _numbered(nodes, name))
+    rig = Rig(file)
+    chain = rig.chain(_numbered(rig.nodes, name))
     animations = file.objects("animations")
     if not animations:
         raise ValueError("no animation. Export the character with its animation")
     tracks, end = _tracks(file, animations[0], chain)
     if not any(tracks.values()):
         raise ValueError(f"the first animation moves neither {quoted(name)} nor any node above it")
-    locals_up = [_local(nodes[number], number, tracks[number]) for number in chain]
+    locals_up = [
+        Local(properties_of(rig.nodes[number], number), tracks[number]) for number in chain
+    ]
     times = _sampled(locals_up, end)
     positions, orientations = _in_world(locals_up, times)
-    still = [Local(local.at_rest, {}) for local in locals_up]
-    _, rest = _in_world(still, times[:1])
-    turned = multiply(orientations, np.broadcast_to(conjugate(rest[0]), orientations.shape))
-    upright = np.concatenate([turned[:, :1], _z_up(turned[:, 1:])], axis=1)
-    return times, _z_up(positions), upright
+    rest = np.roll(taken_apart(rig.bound(chain[0]), quoted(name))["rotation"], 1)
+    turned = multiply(orientations, np.broadcast_to(conjugate(rest), orientations.shape))
+    upright = np.concatenate([turned[:, :1], z_up(turned[:, 1:])], axis=1)
+    return times, z_up(positions), upright
 
 
 def _sampled(locals_up: list[Local], end: float) -> Float[np.ndarray, " F"]:
@@ -158,22 +149,6 @@ def _numbered(nodes: list[dict[str, Any]], name: str) -> int:
     raise ValueError(
         f"no node called {quoted(name)}. {did_you_mean(name, known)}Nodes: {listed(known) or 'none'}"
     )
-
-
-def _chain(nodes: list[dict[str, Any]], number: int) -> list[int]:
-    """Return the numbers of a node, its parent, and so on up."""
-    parents: dict[int, int] = {}
-    for parent, node in enumerate(nodes):
-        for child in entries(node.get("children", []), "children", len(nodes)):
-            if child in parents:
-                raise ValueError(f"node {child} has two parents")
-            parents[child] = parent
-    chain = [number]
-    while chain[-1] in parents:
-        chain.append(parents[chain[-1]])
-        if len(chain) > MAX_DEPTH:
-            raise ValueError(f"more than {MAX_DEPTH} nodes above a node, or a node above itself")
-    return chain
 
 
 def _tracks(
@@ -242,30 +217,6 @@ def _track(file: Glb, sampler: dict[str, Any], name: str, times: np.ndarray) -> 
     return Track(times, values, interpolation, is_rotation=name == "rotation")
 
 
-def _local(node: dict[str, Any], number: int, tracks: dict[str, Track]) -> Local:
-    what = f"node {number}"
-    at_rest = {}
-    for name, usual in AT_REST.items():
-        given = numbers(node.get(name, usual), f"{what}: {name}", WIDTHS[name], MAX_VALUE)
-        at_rest[name] = np.array(given)
-    if "matrix" in node:
-        matrix = np.array(numbers(node["matrix"], f"{what}: matrix", 16, MAX_VALUE))
-        at_rest = _taken_apart(matrix.reshape(4, 4).T, what)
-    length = np.linalg.norm(at_rest["rotation"])
-    if abs(length - 1) > MAX_LENGTH_ERROR:
-        raise ValueError(f"{what}: rotation: a quaternion that is not of length 1")
-    at_rest["rotation"] = at_rest["rotation"] / length
-    return Local(at_rest, tracks)
-
-
-def _taken_apart(matrix: Float[np.ndarray, "4 4"], what: str) -> dict[str, np.ndarray]:
-    scale = np.linalg.norm(matrix[:3, :3], axis=0)
-    if scale.min() == 0 or np.linalg.det(matrix[:3, :3]) <= 0:
-        raise ValueError(f"{what}: a matrix that is not a rotation and a scale")
-    w, x, y, z = quaternions_of(matrix[:3, :3] / scale)
-    return {"translation": matrix[:3, 3], "rotation": np.array([x, y, z, w]), "scale": scale}
-
-
 def _in_world(
     locals_up: list[Local], times: Float[np.ndarray, " F"]
 ) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"]]:
@@ -278,8 +229,3 @@ def _in_world(
         positions = local.at("translation", times) + rotate(rotation, scaled)
         orientations = multiply(rotation, orientations)
     return positions, orientations
-
-
-def _z_up(vectors: Float[np.ndarray, "F 3"]) -> Float[np.ndarray, "F 3"]:
-    x, y, z = vectors.T
-    return np.stack([x, -z, y], axis=1)

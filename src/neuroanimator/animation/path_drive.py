@@ -13,14 +13,11 @@ from neuroanimator.animation.motion import STEP_ROUNDING, Drive
 from neuroanimator.animation.recorded_path import RecordedPath, headings_of, read_path
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import ArgumentError, BadFileError
-from neuroanimator.state.mover_poses import Mover, change_between, moved
+from neuroanimator.state.mover_poses import Mover, change_between, moved, moved_as_one
 from neuroanimator.state.rotation import (
     NO_ROTATION,
     conjugate,
-    continuous,
-    heading_of,
     multiply,
-    rotate,
     upward,
 )
 from neuroanimator.text import did_you_mean, listed, quoted
@@ -149,19 +146,12 @@ def _follower(
     times: Float[np.ndarray, " F"],
 ) -> tuple[Follower, list[str]]:
     """Return the follower of a path, and remarks on rotations that it cannot follow."""
-    positions, orientations = path.at(times)
-    poses = np.repeat(np.asarray(emulator.rest)[None, mover.entries], len(times), axis=0)
-    poses[:, : len(AXES)] = positions
-    follower = Follower(name, mover, poses)
-    if orientations is None:
+    follower = Follower(name, mover, path.poses(mover, emulator.rest[mover.entries], times))
+    _, orientations = path.at(times)
+    if orientations is None or mover.turns_freely:
         return follower, []
-    if mover.turns_freely:
-        poses[:, len(AXES) :] = continuous(orientations)
-        return follower, []
-    headings = headings_of(orientations)
-    what, lost, does, key = "turns", np.ptp(headings), "does not", "true"
+    what, lost, does, key = "turns", np.ptp(headings_of(orientations)), "does not", "true"
     if mover.turns:
-        poses[:, len(AXES)] = headings
         tilts = np.arccos(np.clip(upward(orientations)[:, 2], -1, 1))
         what, lost, does, key = "tilts", tilts.max(), "turns about the vertical only", '"freely"'
     if lost <= TURNS:
@@ -261,13 +251,8 @@ def _carry(
     state[anchor.entries] = pose
     old, new = (anchor.placement.quaternions(poses) for poses in (before, state))
     turn = np.array(NO_ROTATION) if old is None or new is None else multiply(new, conjugate(old))
-    for mover in movers.values():
-        if mover == anchor:
-            continue
-        place = mover.placement
-        away = place.origin(before) - anchor.placement.origin(before)
-        state[mover.entries][: len(AXES)] = pose[: len(AXES)] + rotate(turn, away)
-        if mover.turns_freely:
-            state[mover.entries][len(AXES) :] = multiply(turn, place.quaternions(before))
-        elif mover.turns:
-            state[place.heading] = before[place.heading] + heading_of(turn)
+    places = tuple(movers.values())
+    about = anchor.placement.origin(before)
+    size = places[-1].entries.stop
+    state[:size] = moved_as_one(before[:size], places, turn, about, pose[: len(AXES)])
+    state[anchor.entries] = pose  # with its whole turns

@@ -17,7 +17,8 @@ from neuroanimator.files.clock import resolution_of, straightened
 from neuroanimator.files.glb import Glb, read_glb
 from neuroanimator.files.number_table import read_header, read_numbers
 from neuroanimator.state.columns import TIME, time_column, without_brackets
-from neuroanimator.state.rotation import facing
+from neuroanimator.state.mover_poses import Mover
+from neuroanimator.state.rotation import continuous, facing
 from neuroanimator.state.units import converted_unit
 from neuroanimator.text import did_you_mean, listed, quoted
 
@@ -89,6 +90,19 @@ class RecordedPath:
         turned = Track(self.times, turned, "LINEAR", is_rotation=True).at(times)
         return positions, np.roll(turned, 1, axis=1)
 
+    def poses(
+        self, mover: Mover, rest: Float[np.ndarray, " D"], times: Float[np.ndarray, " F"]
+    ) -> Float[np.ndarray, "F D"]:
+        """Return the poses of a `mover`, at `rest` elsewhere, that follows the path at `times` [s], as far as it turns."""
+        positions, orientations = self.at(times)
+        poses = np.repeat(rest[None], len(times), axis=0)
+        poses[:, :3] = positions
+        if orientations is not None and mover.turns_freely:
+            poses[:, 3:] = continuous(orientations)
+        elif orientations is not None and mover.turns:
+            poses[:, 3] = headings_of(orientations)
+        return poses
+
 
 def headings_of(orientations: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, " T"]:
     """Return the angles by which quaternions turn about Z [rad], whatever their tilt, without jumps."""
@@ -128,14 +142,19 @@ def paths_of_nodes(path: Path, wanted: Collection[str]) -> dict[str, RecordedPat
     Raises ArgumentError, which lists its nodes, if it has none of them, BadFileError if it is faulty.
     """
     file = read_glb(path)
-    nodes = sorted(str(node.get("name")) for node in file.objects("nodes"))
+    nodes = {mover_name(str(n.get("name"))): str(n.get("name")) for n in file.objects("nodes")}
     found = [name for name in wanted if name in nodes]
     if not found:
         raise ArgumentError(
-            f"path: no node of {path} is called as a mover. Movers: {listed(wanted) or 'none'}; nodes: "
-            f"{listed(map(quoted, nodes))}. Give MOVER=FILE.glb:NODE."
+            f"no node of {path} is called as a mover. Movers: {listed(wanted) or 'none'}; nodes: "
+            f"{listed(map(quoted, sorted(nodes.values())))}. Call them alike, or give --path MOVER=FILE.glb:NODE."
         )
-    return {name: _of_node(file, path, name, f"{path}:{name}") for name in found}
+    return {name: _of_node(file, path, nodes[name], f"{path}:{name}") for name in found}
+
+
+def mover_name(node: str) -> str:
+    """Return the name of the mover that follows a node: without its namespace, and with underscores for signs."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", node.rpartition(":")[2])[:40]
 
 
 def _of_node(file: Glb, path: Path, node: str, name: str) -> RecordedPath:

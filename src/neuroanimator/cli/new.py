@@ -60,6 +60,12 @@ def run(
     keep: Annotated[
         str, typer.Option(help="Pieces of a mesh: all (default), or only the largest.")
     ] = "",
+    character: Annotated[
+        Path | None,
+        typer.Option(
+            help="For a cloth: GLB file of a character, whose bones hold and strike it, and move as in its first animation."
+        ),
+    ] = None,
     resample: Resample = False,
     velocities: Annotated[
         bool,
@@ -81,6 +87,7 @@ def run(
             unit=unit,
             up=up,
             keep=keep,
+            character=character,
             resample=resample,
             velocities=velocities,
         )

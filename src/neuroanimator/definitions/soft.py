@@ -46,6 +46,9 @@ UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 """Units of length of a mesh [m]."""
 
 
+MAX_MOVERS = 24
+"""Maximum number of movers."""
+
 MAX_MUSCLES = 64
 """Maximum number of muscles."""
 
@@ -195,6 +198,7 @@ class GroundPlaneTable(Table):
 
 LATER_KEYS = (
     *MeshReading.model_fields,
+    "motions",
     *("parameters", "muscles", "water", "rest_height", "gait", "sampling"),
 )
 """Keys that definitions did not have at first."""
@@ -218,8 +222,10 @@ class SoftDefinition(MeshReading):
     solid: SolidTable = SolidTable()
     air: AirTable = AirTable()
     ground: GroundPlaneTable | None = None
-    movers: dict[PartName, MoverTable] = Field(default={}, max_length=24)
+    movers: dict[PartName, MoverTable] = Field(default={}, max_length=MAX_MOVERS)
     """Movers by name; in a state they are sorted by name."""
+    motions: FileName | None = None
+    """GLB file of a character beside this file: movers called as its nodes follow its first animation in random runs."""
     muscles: SolidMusclesTable | None = None
     water: WaterTable | None = None
     """Water instead of air."""

@@ -43,8 +43,8 @@ COMPONENTS = {
 }
 """The format's codes of number types, by their names in NumPy."""
 
-WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
-"""Number of numbers in an element, by the format's name: those used by animations."""
+WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+"""Number of numbers in an element, by the format's name: those used by animations and skins."""
 
 MAX_FILE = 256 * 2**20
 """Maximum size of a file read [bytes]: a character with its meshes and textures."""
@@ -75,11 +75,11 @@ class Glb:
         return self._checked[kind]
 
     def array(
-        self, accessor: Any, element: str, *, is_last_alone: bool = False
+        self, accessor: Any, element: str, *, is_last_alone: bool = False, is_index: bool = False
     ) -> Float[np.ndarray, "N W"]:
         """Return the finite numbers of an accessor of `element`s, such as `VEC3`, or the last of them.
 
-        Raises ValueError with what is wrong.
+        Whole numbers are shares of the largest, or indices. Raises ValueError with what is wrong.
         """
         described = object_at(self.objects("accessors"), accessor, "accessor")
         what = f"accessor {accessor}"
@@ -104,10 +104,8 @@ class Glb:
             count = 1
         numbers = np.frombuffer(view, kind, count * width, offset).reshape(count, width)
         values = numbers.astype(float)
-        if kind.kind in "iu":
-            values = np.maximum(
-                values / np.iinfo(kind).max, -1
-            )  # integers of animations are always normalised
+        if kind.kind in "iu" and not is_index:
+            values = np.maximum(values / np.iinfo(kind).max, -1)
         if not np.isfinite(values).all():
             raise ValueError(f"{what}: a number that is not finite")
         return values

@@ -142,8 +142,8 @@ def _pack_shapes(toml: Path, definition: SoftDefinition) -> dict[str, Any]:
 
 def _make_soft(definition: SoftDefinition, files: dict[str, Any], text: str) -> System:
     path = find_shapes(definition.name, files, text)
-    file, mesh = read_shapes(path, definition)
-    return SoftSystem(definition, Scene(definition, mesh), file, text)
+    file, mesh, motions = read_shapes(path, definition)
+    return SoftSystem(definition, Scene(definition, mesh, motions), file, text)
 
 
 def _pack_flex(toml: Path, definition: FlexDefinition) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from neuroanimator.physics.soft.mesh_file import MAX_FILE, read_mesh
 from neuroanimator.physics.soft.scene import Scene
 from neuroanimator.physics.soft.soft_body import GRAVITY, Points
 from neuroanimator.physics.soft.soft_system import SWIM_STEPS, THROW_STEPS, SoftSystem
+from neuroanimator.scaffold.character import propose_movers
 from neuroanimator.scaffold.defaults import rounded, usual_name
 from neuroanimator.scaffold.proposal import Proposal
 from neuroanimator.scaffold.teacher import data_row
@@ -129,29 +130,40 @@ COMMENTS = {
 """Comments on the values of the TOML file."""
 
 
-def propose_soft(path: Path, given: MeshReading) -> Proposal:
+def propose_soft(path: Path, given: MeshReading, character: Path | None = None) -> Proposal:
     """Return a definition of the body whose mesh is in the file at `path`: a cloth (OBJ) or a solid (Gmsh).
 
-    `given` is how the mesh is meant; what it leaves open is asked about if the size is unlikely. Raises BadFileError or
-    ArgumentError for a file that is not such a mesh.
+    `given` is how the mesh is meant; what it leaves open is asked about if the size is unlikely. The bones of a `character`,
+    a GLB file beside the mesh, hold and strike a cloth. Raises BadFileError or ArgumentError for a file that is not such a
+    mesh.
     """
     mesh = read_mesh(path.name, read_bounded(path, MAX_FILE), given)
     size = float(np.ptp(mesh.positions, axis=0).max())
     if "unit" not in given.model_fields_set:
         _ask_for_unit(path.name, mesh.positions)
     is_solid = path.suffix == SOLID_ENDING
+    if is_solid and character is not None:
+        raise ArgumentError("character: bones hold a cloth, an OBJ file. Leave it out.")
     # A group alone names the material.
     has_muscles = 2 <= len(mesh.groups) <= MAX_MUSCLES
     if has_muscles:
         own = _swimmer_values(mesh, size)
-        held_row = ("muscles", f"{listed(mesh.groups)}, along the longest side of each")
+        rows = [("muscles", f"{listed(mesh.groups)}, along the longest side of each")]
     elif is_solid:
         own = _solid_values(mesh.positions, size)
-        held_row = FREE_ROW
+        rows = [FREE_ROW, NO_MUSCLES_ROW]
     else:
         pins, edge = _held_edge(mesh.positions, size)
         own = _cloth_values(mesh.positions, size, pins)
-        held_row = ("held", f"{len(pins)} nodes: {edge}")
+        rows = [("held", f"{len(pins)} nodes: {edge}")]
+        if character is not None:
+            margin = own["cloth"]["thickness"]
+            own["movers"], of_bones, has_motions = propose_movers(
+                character, mesh.positions, pins, margin
+            )
+            rows += of_bones
+            if has_motions:
+                own["motions"] = character.name
     values = {
         "name": usual_name(path),
         "kind": "soft",
@@ -173,12 +185,11 @@ def propose_soft(path: Path, given: MeshReading) -> Proposal:
     told = [("mesh", count)]
     if mesh.mended:
         told.append(("mended", "; ".join(mesh.mended)))
-    told.append(held_row)
-    if is_solid and not has_muscles:
-        told.append(NO_MUSCLES_ROW)
+    told += rows
     constraints = len(scene.body.pairs) + len(scene.body.tetrahedra)
     count, frames = SOFT_COUNT, data_steps(scene.anchor == FREE)
-    parts = ("holder", "ball", "holder_velocity", "ball_velocity")
+    parts = tuple(own["movers"]) if "movers" in own else ()
+    parts += tuple(f"{name}_velocity" for name in parts)
     if has_muscles:
         count, frames = SWIMMER_COUNT, swimming_steps(definition)
         parts = ("position", "orientation", "velocity", "activations")

@@ -37,7 +37,7 @@ KINDS = {
 
 OPTIONS = {
     "MuJoCo models": ("keyframe", "base", "passive", "tree"),
-    "meshes": ("unit", "up", "keep"),
+    "meshes": ("unit", "up", "keep", "character"),
     "recordings": ("resample", "velocities"),
 }
 """Options of a kind of file alone."""
@@ -56,6 +56,7 @@ def write_definition(
     unit: str = "",
     up: str = "",
     keep: str = "",
+    character: Path | None = None,
     resample: bool = False,
     velocities: bool = False,
 ) -> tuple[Path, Proposal]:
@@ -63,9 +64,9 @@ def write_definition(
 
     `model` is a file, or a Gymnasium environment's id, whose MJCF is then copied beside the TOML. A step function is
     called in trial runs. `keyframe`, `base`, `passive` and `tree` are as in `propose`, `unit`, `up` and `keep` as in a
-    mesh's `MeshReading`, `resample` and `velocities` as in `propose_recording`; the system is called `name`, or after the
-    file or the id. Beside the model or above it, `out`
-    names it by its relative path, elsewhere by its absolute path.
+    mesh's `MeshReading`, `character` as in `propose_soft`, `resample` and `velocities` as in `propose_recording`; the system
+    is called `name`, or after the file or the id. Beside the model or above it, `out` names it by its relative path,
+    elsewhere by its absolute path.
 
     Raises ArgumentError if `out` exists and `force` is not set, if it does not lie beside a step function or
     recordings, or if `name` is invalid or taken; BadFileError for what cannot be emulated.
@@ -86,7 +87,12 @@ def write_definition(
         )
     kind = KINDS.get(source.suffix, "MuJoCo models")
     reading = {"unit": unit, "up": up, "keep": keep}
-    options = reading | {"resample": resample, "velocities": velocities, "keyframe": keyframe}
+    options = reading | {
+        "character": character is not None,
+        "resample": resample,
+        "velocities": velocities,
+        "keyframe": keyframe,
+    }
     options |= {"base": base != "fixed", "passive": passive, "tree": tree is not None}
     _refuse_others(source.name, kind, [name for name, value in options.items() if value])
     changes: dict[str, Any] = {"name": name} if name else {}
@@ -105,14 +111,13 @@ def write_definition(
         changes["model"] = _seen_from(path, source)
         if tree is not None:
             changes["tree"] = _seen_from(path, tree.resolve())
-    elif path.parent.resolve() != source.parent.resolve():
-        raise ArgumentError(
-            f"{path}: the TOML file must be beside {source.name}, in {source.parent or '.'}."
-        )
     elif kind == "meshes":
+        for file in (source, character or source):
+            _refuse_elsewhere(path, file)
         given = {key: value for key, value in reading.items() if value}
-        proposal = propose_soft(source, check_table(given, source.name, MeshReading))
+        proposal = propose_soft(source, check_table(given, source.name, MeshReading), character)
     else:
+        _refuse_elsewhere(path, source)
         # Proposing a step function's definition runs the file: the user asks for both.
         trust_file(source)
         if kind == "recordings":
@@ -122,6 +127,14 @@ def write_definition(
     proposal = replace(proposal, definition=proposal.definition.model_copy(update=changes))
     write_whole(path, as_toml(proposal).encode())
     return path, proposal
+
+
+def _refuse_elsewhere(toml: Path, file: Path) -> None:
+    """Raise ArgumentError if the TOML file is not beside the file that it names."""
+    if toml.parent.resolve() != file.parent.resolve():
+        raise ArgumentError(
+            f"{toml}: the TOML file must be beside {file.name}, in {file.parent or '.'}."
+        )
 
 
 def _check_name(name: str) -> None:

@@ -13,7 +13,13 @@ from jaxtyping import Float
 
 from neuroanimator.state.arrays import AnyArray
 from neuroanimator.state.placement import Placement
-from neuroanimator.state.rotation import rotated_by, rotation_between
+from neuroanimator.state.rotation import (
+    heading_of,
+    multiply,
+    rotate,
+    rotated_by,
+    rotation_between,
+)
 
 FREELY: Literal["freely"] = "freely"
 """Turns of a mover that has an orientation, as a bone has."""
@@ -103,6 +109,28 @@ def _pieces(size: int, quaternions: tuple[int, ...]) -> Iterator[Piece]:
             yield slice(first, first + 4), slice(rate, rate + 3), True
             rate += 3
         entry = first + 4
+
+
+def moved_as_one(
+    poses: Float[AnyArray, "... D"],
+    movers: tuple[Mover, ...],
+    turn: Float[AnyArray, "... 4"],
+    about: Float[AnyArray, "... 3"],
+    to: Float[AnyArray, "... 3"],
+) -> Float[AnyArray, "... D"]:
+    """Return the `poses` of `movers` as one rigid piece, turned `about` a point that comes `to` another [m].
+
+    Movers that turn about Z alone turn as far as seen from above, those that do not turn not at all.
+    """
+    parts = []
+    for mover in movers:
+        place = mover.placement
+        parts.append(to + rotate(turn, place.origin(poses) - about))
+        if mover.turns_freely:
+            parts.append(multiply(turn, poses[..., place.orientation : mover.entries.stop]))
+        elif mover.turns:
+            parts.append(poses[..., place.heading, None] + heading_of(turn)[..., None])
+    return poses.__array_namespace__().concat(parts, axis=-1)
 
 
 def moved(

@@ -17,10 +17,11 @@ from neuroanimator.state.mover_poses import (
     Turns,
     change_between,
     moved,
+    moved_as_one,
     place_movers,
     quaternion_entries,
 )
-from neuroanimator.state.rotation import NO_ROTATION
+from neuroanimator.state.rotation import NO_ROTATION, facing, heading_of
 from neuroanimator.state.shape_contacts import FREE
 from neuroanimator.systems.named_files import read_definition, shipped_folder
 
@@ -42,6 +43,15 @@ HOLDS = 0.25
 HOLDING = (0.1, 0.4)
 """Lowest and highest frequency of its stops [Hz]."""
 
+FOLLOWING = 0.75
+"""Share of runs in which movers follow recorded motions, if there are any."""
+
+PLAYED = (0.7, 1.3)
+"""Slowest and fastest playback of these."""
+
+STRAYING = 0.3
+"""Largest share of a random path that is added to them."""
+
 RETURN = 0.5
 """Time constant with which a mover returns to its path [s]."""
 
@@ -57,6 +67,18 @@ TURNED: dict[str, dict[Turns, Slice]] = {
     "control": {True: Slice("_turning", 1, "rad/s"), FREELY: Slice("_turning", 3, "rad/s")},
 }
 """Suffixes, sizes and units of what turns, by how it does."""
+
+
+class Motions(NamedTuple):
+    """Recorded motions of all movers, at even times."""
+
+    poses: Float[np.ndarray, "F D"]
+    dt: float
+    """Time between two poses [s]."""
+
+    def rates(self, quaternions: tuple[int, ...]) -> Float[np.ndarray, "T R"]:
+        """Return the rates from each pose to the next, whose `quaternions` begin there."""
+        return change_between(self.poses[:-1], self.poses[1:], quaternions) / self.dt
 
 
 class Pace(NamedTuple):
@@ -87,7 +109,9 @@ def pace_of(anchor: int) -> Pace:
 class Movers:
     """M movers, whose poses have D numbers, and whose rates R: three for a quaternion's four."""
 
-    def __init__(self, tables: dict[str, MoverTable]):
+    def __init__(self, tables: dict[str, MoverTable], motions: Motions | None = None):
+        """Random paths follow the recorded `motions`, if given."""
+        self.motions = motions
         self.tables = list(tables.values())
         self.names = list(tables)
         self.turning: tuple[Turns, ...] = tuple(mover.turns for mover in self.tables)
@@ -180,6 +204,9 @@ class Movers:
         first come within reach.
         """
         wanted = self._waves(rng, len(starts), steps, dt, pace)
+        if self.motions is not None:
+            following = rng.random(len(starts)) < FOLLOWING
+            wanted[following] = self._along_motions(rng, self.motions, wanted[following], dt)
         follow = 1 - np.exp(-dt / pace.response)
         pose = starts
         rate = rates
@@ -219,6 +246,41 @@ class Movers:
         # Their sum is squashed into ±1: no mover goes beyond its reach.
         away = size[:, None] * np.sin(total * np.sqrt(2 / WAVES))
         return self.moved(np.broadcast_to(self.rest, (*away.shape[:2], self.size)), away)
+
+    def _along_motions(
+        self,
+        rng: np.random.Generator,
+        motions: Motions,
+        waves: Float[np.ndarray, "B F D"],
+        dt: float,
+    ) -> Float[np.ndarray, "B F D"]:
+        """Return stretches of the motions, each begun where the body rests, with some of the `waves` about rest added."""
+        count, frames = waves.shape[:2]
+        speed = rng.uniform(*PLAYED, (count, 1))
+        last = len(motions.poses) - 2
+        begin = rng.uniform(0, np.maximum(last - speed * (frames - 1) * dt / motions.dt, 0))
+        frame = (begin + speed * np.arange(frames) * dt / motions.dt).clip(0, last)
+        before = frame.astype(int)
+        first, second = motions.poses[before], motions.poses[before + 1]
+        between = change_between(first, second, self.quaternions)
+        poses = self.moved(first, (frame - before)[..., None] * between)
+        straying = rng.uniform(0, STRAYING, (count, 1, 1))
+        away = change_between(np.broadcast_to(self.rest, waves.shape), waves, self.quaternions)
+        return self.moved(self._begun_at_rest(poses), straying * away)
+
+    def _begun_at_rest(self, poses: Float[np.ndarray, "B F D"]) -> Float[np.ndarray, "B F D"]:
+        """Return paths turned about the vertical and shifted so that the first mover with pins begins above its rest."""
+        holder = next((n for n, table in enumerate(self.tables) if table.pins), 0)
+        place = self.places[holder].placement
+        start = poses[:, :1]
+        about = place.origin(start)
+        turned = place.quaternions(start)
+        heading = np.zeros(start.shape[:2]) if turned is None else heading_of(turned)
+        to = np.concatenate(
+            [np.broadcast_to(place.origin(self.rest)[:2], about[..., :2].shape), about[..., 2:]],
+            axis=-1,
+        )
+        return moved_as_one(poses, self.places, facing(-heading), about, to)
 
     def _own_time(
         self, rng: np.random.Generator, count: int, steps: int, dt: float

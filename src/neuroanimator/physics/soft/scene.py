@@ -23,7 +23,7 @@ from neuroanimator.physics.state_parts import gait_of, parameter_from_table
 from neuroanimator.physics.water import Water
 from neuroanimator.state.parameters import Parameter
 from neuroanimator.state.shape_contacts import FREE, BoxCollider, RoundCollider
-from neuroanimator.systems.movers import Movers
+from neuroanimator.systems.movers import Motions, Movers
 
 WIND = ("air/wind_x", "air/wind_y", "air/wind_z")
 """Targets of parameters: the air's velocity along each axis [m/s]."""
@@ -40,10 +40,10 @@ class Scene(SoftScene):
     lanes = LANES
     runs = LANES
 
-    def __init__(self, definition: SoftDefinition, mesh: Mesh):
-        """Raises ArgumentError for an invalid mesh, pin or collider."""
+    def __init__(self, definition: SoftDefinition, mesh: Mesh, motions: Motions | None = None):
+        """Movers follow the `motions` in random runs. Raises ArgumentError for an invalid mesh, pin or collider."""
         self.definition = definition
-        self.movers = Movers(definition.movers)
+        self.movers = Movers(definition.movers, motions)
         holding = [number for number, mover in enumerate(self.movers.tables) if mover.pins]
         if not holding and not definition.is_solid and definition.muscles is None:
             raise ArgumentError(

@@ -26,10 +26,12 @@ from neuroanimator.physics.soft.find_shapes import RestingShapes, find_shapes
 from neuroanimator.physics.soft.flex_scene import FlexScene
 from neuroanimator.physics.soft.mesh import Mesh
 from neuroanimator.physics.soft.mesh_file import MAX_FILE, read_mesh
+from neuroanimator.physics.soft.recorded_motions import MOTION_STEP, recorded_motions
 from neuroanimator.physics.soft.scene import Scene
-from neuroanimator.state.mover_poses import Turns
+from neuroanimator.state.mover_poses import Turns, place_movers
 from neuroanimator.state.shape_contacts import FREE, first_amplitude, placement_of
 from neuroanimator.systems.model_files import ModelFiles
+from neuroanimator.systems.movers import Motions, Movers
 
 ENDING = ".shapes.safetensors"
 """Suffix of the file, after the name of the TOML file."""
@@ -52,13 +54,17 @@ def made_for(toml: Path, definition: SoftDefinition) -> Path:
     for name in ("name", "goals", "mesh"):
         del values[name]
     text = canonical_json({"method": METHOD, "definition": values})
-    origin = hashlib.sha256(text.encode() + content).hexdigest()
-    return _made(
-        toml,
-        definition,
-        origin,
-        lambda: Scene(definition, read_mesh(mesh.name, content, definition)),
-    )
+    origin = hashlib.sha256(text.encode() + content)
+    file = toml.parent / (definition.motions or "")
+    if definition.motions is not None:
+        origin.update(read_bounded(file, MAX_FILE))
+
+    def scene() -> Scene:
+        movers = Movers(definition.movers)
+        motions = None if definition.motions is None else recorded_motions(file, movers)
+        return Scene(definition, read_mesh(mesh.name, content, definition), motions)
+
+    return _made(toml, definition, origin.hexdigest(), scene)
 
 
 def made_for_model(toml: Path, definition: FlexDefinition, files: ModelFiles) -> Path:
@@ -90,6 +96,8 @@ def _made(
     found = find_shapes(definition, scene)
     tensors = found.shapes.tensors()
     tensors["rest"] = found.rest.astype(np.float32)
+    if scene.movers.motions is not None:
+        tensors["motions"] = scene.movers.motions.poses.astype(np.float32)
     if isinstance(scene, Scene):
         tensors["positions"] = scene.mesh.positions.astype(np.float32)
         tensors["elements"] = scene.mesh.elements.astype(np.int32)
@@ -99,8 +107,10 @@ def _made(
     return path
 
 
-def read_shapes(path: Path, definition: SoftDefinition) -> tuple[RestingShapes, Mesh]:
-    """Return the shapes `made_for` wrote, and the mesh; BadFileError names the fault."""
+def read_shapes(
+    path: Path, definition: SoftDefinition
+) -> tuple[RestingShapes, Mesh, Motions | None]:
+    """Return the shapes `made_for` wrote, the mesh, and recorded motions; BadFileError names the fault."""
     turning: tuple[Turns, ...] = tuple(mover.turns for mover in definition.movers.values())
     holding = [number for number, mover in enumerate(definition.movers.values()) if mover.pins]
     anchor = holding[0] if holding else FREE
@@ -110,15 +120,18 @@ def read_shapes(path: Path, definition: SoftDefinition) -> tuple[RestingShapes, 
         others = len(definition.parameters) + len(muscles)
         file = _checked(tensors, turning, anchor, others)
         mesh = _mesh_of(tensors, file.shapes, 3 + definition.is_solid)
+        motions = None
+        if definition.motions is not None:
+            motions = _motions_of(tensors["motions"], turning)
         if not muscles:
-            return file, mesh
+            return file, mesh, motions
         members = tensors["members"]
         if (
             members.shape != (len(mesh.elements),)
             or not ((members >= -1) & (members < len(muscles))).all()
         ):
             raise ValueError("muscles of another mesh")
-        return file, mesh._replace(groups=muscles, members=members.astype(int))
+        return file, mesh._replace(groups=muscles, members=members.astype(int)), None
 
 
 def _members(mesh: Mesh, muscles: tuple[str, ...]) -> np.ndarray:
@@ -172,6 +185,14 @@ def _mesh_of(tensors: Tensors, shapes: Shapes, corners: int) -> Mesh:
     _check_numbers(positions)
     _check_numbers(elements)
     return Mesh(positions.astype(float), elements.astype(int))
+
+
+def _motions_of(poses: np.ndarray, turning: tuple[Turns, ...]) -> Motions:
+    size = sum(place.size for place in place_movers(turning))
+    if poses.ndim != 2 or poses.shape[1] != size or len(poses) < 2:
+        raise ValueError("motions of other movers")
+    _check_numbers(poses)
+    return Motions(poses.astype(float), MOTION_STEP)
 
 
 def _check_numbers(array: np.ndarray) -> None:
