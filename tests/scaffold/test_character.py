@@ -50,7 +50,7 @@ def quaternion(turn: Rotation) -> np.ndarray:
 def test_a_bone_turns_from_the_pose_its_skin_is_bound_to(tmp_path: Path, left_at: float):
     """Wherever an exporter has left the nodes, and however the bone's own axes lie."""
     path = write_character(tmp_path / "who.glb", left_at)
-    paths = paths_of_nodes(path, ("trunk", "arm.L", "arm.R"))
+    paths = paths_of_nodes(read_glb(path), path, ("trunk", "arm.L", "arm.R"))
     _, heading = trunk_at(left_at)
     for time in (0.0, 1.3, 4.0):
         place, turn = trunk_at(time)

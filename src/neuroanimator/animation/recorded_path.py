@@ -136,20 +136,21 @@ def read_path(source: str | Path) -> RecordedPath:
     return _of_node(read_glb(path), path, found["part"], text)
 
 
-def paths_of_nodes(path: Path, wanted: Collection[str]) -> dict[str, RecordedPath]:
+def paths_of_nodes(
+    file: Glb, where: str | Path, wanted: Collection[str]
+) -> dict[str, RecordedPath]:
     """Return the paths of the `wanted` nodes of a GLB file that it has, along its first animation.
 
-    Raises ArgumentError, which lists its nodes, if it has none of them, BadFileError if it is faulty.
+    Raises ArgumentError, which lists its nodes, if it has none of them, BadFileError if it is faulty; both say `where`.
     """
-    file = read_glb(path)
     nodes = {mover_name(str(n.get("name"))): str(n.get("name")) for n in file.objects("nodes")}
     found = [name for name in wanted if name in nodes]
     if not found:
         raise ArgumentError(
-            f"no node of {path} is called as a mover. Movers: {listed(wanted) or 'none'}; nodes: "
+            f"no node of {where} is called as a mover. Movers: {listed(wanted) or 'none'}; nodes: "
             f"{listed(map(quoted, sorted(nodes.values())))}. Call them alike, or give --path MOVER=FILE.glb:NODE."
         )
-    return {name: _of_node(file, path, nodes[name], f"{path}:{name}") for name in found}
+    return {name: _of_node(file, where, nodes[name], f"{where}:{name}") for name in found}
 
 
 def mover_name(node: str) -> str:
@@ -157,11 +158,11 @@ def mover_name(node: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]", "_", node.rpartition(":")[2])[:40]
 
 
-def _of_node(file: Glb, path: Path, node: str, name: str) -> RecordedPath:
+def _of_node(file: Glb, where: str | Path, node: str, name: str) -> RecordedPath:
     try:
         times, positions, orientations = node_motion(file, node)
     except ValueError as error:
-        raise BadFileError(f"{path}: {one_line(error)}.") from error
+        raise BadFileError(f"{where}: {one_line(error)}.") from error
     return RecordedPath(name, times, positions, orientations)
 
 

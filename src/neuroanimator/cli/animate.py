@@ -8,11 +8,14 @@ from typing import Annotated
 import typer
 
 from neuroanimator.animation.clip import make_clip
-from neuroanimator.cli.formats import FORMATS, export_clips
+from neuroanimator.cli.formats import FORMATS, emulator_for, export_clips
 from neuroanimator.cli.motion_sources import MotionOptions, motion_of
 from neuroanimator.cli.shared_options import SIZE, START_HELP, Camera, Size
+from neuroanimator.emulator.trust_summary import summary_of
+from neuroanimator.export.garment import wear as wear_garment
 from neuroanimator.film.options import read_film
 from neuroanimator.terminal import phase, print_rows
+from neuroanimator.text import print_line
 
 EXAMPLE = "neuroanimator animate dolphin --out swim.glb --out swim.mp4 --size 1920x1080 --camera front --rate 60"
 
@@ -45,6 +48,12 @@ PUSH_OUT_HELP = "Push a soft body's surface out of colliders, or draw it exactly
 
 PATH_SPEED_HELP = "With --path: its playback speed; 0.5 is half as fast."
 """The help of `--path-speed`."""
+
+WEAR_HELP = (
+    "Emulator file of a garment, or name of a shipped one, whose movers are called as the body's bones: it is worn. May be "
+    "given several times."
+)
+"""The help of `--wear`."""
 
 INSIDE_HELP = "For a policy file: move the body by the policy's own emulator, which 'train' makes, instead of the physics."
 """The help of `--in-emulator`."""
@@ -82,6 +91,7 @@ def run(
     start: Annotated[list[str] | None, typer.Option(help=START_HELP)] = None,
     command: Annotated[list[str] | None, typer.Option(help=COMMAND_HELP)] = None,
     in_emulator: Annotated[bool, typer.Option("--in-emulator", help=INSIDE_HELP)] = False,
+    wear: Annotated[list[str] | None, typer.Option(help=WEAR_HELP)] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of a random motion.")] = None,
     school: Annotated[
         int | None,
@@ -134,8 +144,16 @@ def run(
         )
         for states in motion.states
     ]
+    rows = list(motion.rows)
+    for name in wear or ():
+        garment = emulator_for(out, name)
+        worn = wear_garment(clips[0], garment)
+        for remark in worn.remarks:
+            print_line(f"neuroanimator: {remark}", to_stderr=True)
+        rows.append((garment.system, summary_of(garment, worn.scores)))
+        clips.append(worn.clip)
     with phase("drawing"):
         export_clips(clips, motion.emulator, out, film, is_pushed_out=push_out)
     shown = clips[0].times
     files = [("file", path) for path in out]
-    print_rows([("frames", len(shown)), ("seconds", f"{shown[-1]:.2f}"), *motion.rows, *files])
+    print_rows([("frames", len(shown)), ("seconds", f"{shown[-1]:.2f}"), *rows, *files])

@@ -43,7 +43,7 @@ def export_clips(
     tables = [path for path in outs if path.suffix == ".csv"]
     if tables and len(clips) > 1:
         raise ArgumentError(
-            f"out: '{tables[0].name}': a .csv holds one body, and a school has more. Choose another format."
+            f"out: '{tables[0].name}': a .csv holds one body, and here are more. Choose another format."
         )
     drawn = [drawable(clip, emulator) for clip in clips]
     if is_pushed_out and len(tables) < len(outs):

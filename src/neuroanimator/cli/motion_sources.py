@@ -27,6 +27,7 @@ from neuroanimator.emulator.trust_summary import summary_of
 from neuroanimator.errors import ArgumentError
 from neuroanimator.export.csv_file import read_controls
 from neuroanimator.export.programs.formats import POLICY_ENDING
+from neuroanimator.files.glb import read_glb
 from neuroanimator.physics import tied_system
 from neuroanimator.state.start import read_starts
 from neuroanimator.terminal import phase
@@ -155,7 +156,7 @@ def _along_paths(model: Emulator, options: MotionOptions) -> Drive:
     for text in options.path or ():
         name, equals, source = text.partition("=")
         if not equals and text.lower().endswith(".glb"):
-            paths = paths_of_nodes(Path(text), movers_of(model)) | paths
+            paths = paths_of_nodes(read_glb(Path(text)), text, movers_of(model)) | paths
             continue
         if not equals or not name or not source:
             raise ArgumentError(

@@ -150,12 +150,13 @@ def read_glb(path: Path) -> Glb:
     """Return the document and the bytes of a GLB file; BadFileError names the fault."""
     content = read_bounded(path, MAX_FILE)
     try:
-        return _chunks(content)
+        return parse_glb(content)
     except ValueError as error:
         raise BadFileError(f"{path}: {one_line(error)}.") from error
 
 
-def _chunks(content: bytes) -> Glb:
+def parse_glb(content: bytes) -> Glb:
+    """Return the document and the bytes in the content of a GLB file; ValueError says what is wrong."""
     header = np.frombuffer(content[:HEADER_SIZE].ljust(HEADER_SIZE, b"\0"), "<u4")
     magic, version, size = header.tolist()
     if magic != MAGIC:

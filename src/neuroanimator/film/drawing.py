@@ -98,14 +98,16 @@ class Canvas:
 def scene_of(take: Take, film: Film) -> tuple[FilmScene, Shots]:
     """Return the scene of a take, and the camera: rigid bodies as MuJoCo draws them, others as bones and skins.
 
-    Models that are missing, and several bodies with a MuJoCo skin, of which it has only one, are filmed as bones, too.
+    Models that are missing, several bodies with a MuJoCo skin, of which it has only one, and those that wear something
+    are filmed as bones, too.
     """
     clip = take.clips[0]
     system = None
     with suppress(MissingPhysicsError):
         system = carried_system(clip.name, clip.definition)
     if isinstance(system, MujocoSystem):
-        if not system.model.nskin or len(take.everything) == 1:
+        is_one_body = all(other.name == clip.name for other in take.everything)
+        if is_one_body and (not system.model.nskin or len(take.everything) == 1):
             shots = take_shots(take, film)
             return RigidScene(system, take, shots), shots
         system = None

@@ -14,6 +14,8 @@ from neuroanimator.animation.motion import random_drive
 from neuroanimator.animation.path_drive import movers_of
 from neuroanimator.animation.recorded_path import paths_of_nodes
 from neuroanimator.errors import ArgumentError, NeuroAnimatorError
+from neuroanimator.export.garment import wear
+from neuroanimator.files.glb import read_glb
 from neuroanimator.physics.soft.program import SoftProgram
 from neuroanimator.state.mover_poses import change_between, moved
 from neuroanimator.state.rotation import (
@@ -277,7 +279,7 @@ def test_a_character_moves_the_movers_called_as_its_bones(wrap, emulator, tmp_pa
     states = np.asarray(emulator.rollout(start, controls), float)
     character = tmp_path / "character.glb"
     na.write_glb(na.make_clip(emulator, states, rate=30), character)
-    found = paths_of_nodes(character, movers_of(emulator))
+    found = paths_of_nodes(read_glb(character), character, movers_of(emulator))
     assert sorted(found) == ["arm", "chest"]
     drive = na.path_drive(emulator, found)
     followed = np.asarray(emulator.rollout(drive.start, drive.controls), float)[: len(states), :14]
@@ -285,10 +287,30 @@ def test_a_character_moves_the_movers_called_as_its_bones(wrap, emulator, tmp_pa
         sign = np.sign((followed * states[: len(followed), :14])[:, first : first + 4].sum(axis=1))
         followed[:, first : first + 4] *= sign[:, None]
     np.testing.assert_allclose(followed, states[: len(followed), :14], atol=2e-3)
+    nameless = character_without_names(tmp_path)
     with pytest.raises(
         ArgumentError, match="no node of .* is called as a mover. Movers: arm, chest"
     ):
-        paths_of_nodes(character_without_names(tmp_path), movers_of(emulator))
+        paths_of_nodes(read_glb(nameless), nameless, movers_of(emulator))
+
+
+def test_a_garment_follows_its_wearer_frame_by_frame(wrap, emulator, tmp_path):
+    """It is drawn with him, in one file, and its capsules, which stand for him, are not."""
+    rng = np.random.default_rng(3)
+    start = wrap.sample_starts(rng, 1)[0]
+    controls = wrap.sample_paths(rng, 1, 40, DT, start[None])[0]
+    wearer = na.make_clip(emulator, np.asarray(emulator.rollout(start, controls), float), rate=30)
+    worn = wear(wearer, emulator)
+    assert worn.scores.shape == (40,)
+    np.testing.assert_allclose(worn.clip.times, wearer.times)
+    positions = worn.clip.states[:, :3] - wearer.states[:, :3]
+    assert np.abs(positions).max() < 1e-3
+    assert not any(bone.shapes for bone in worn.clip.skeleton.bones)
+    na.write_glb([wearer, worn.clip], tmp_path / "dressed.glb")
+    surfaces = [
+        node for node in read_glb(tmp_path / "dressed.glb").objects("nodes") if "weights" in node
+    ]
+    assert len(surfaces) == 2
 
 
 def character_without_names(folder: Path) -> Path:

@@ -65,11 +65,16 @@ def write_glb(clips: Clip | Sequence[Clip], path: str | Path, *, ghost: Clip | N
     motion of the only clip's body at the same place and time, in one translucent colour, such as the emulator's beside
     the physics'. The `extras` of its root node describe each motion.
     """
+    write_whole(Path(path), glb_content(clips, ghost))
+
+
+def glb_content(clips: Clip | Sequence[Clip], ghost: Clip | None = None) -> bytes:
+    """Return the bytes of the file of `write_glb`."""
     bodies = bodies_of(clips, ghost)
     scene = _Scene(bodies[0].clip.rate)
     for body in bodies:
         scene.add(body)
-    write_whole(Path(path), scene.content())
+    return scene.content()
 
 
 class _Scene:

@@ -8,6 +8,7 @@ import numpy as np
 
 from neuroanimator.animation.recorded_path import paths_of_nodes
 from neuroanimator.errors import ArgumentError
+from neuroanimator.files.glb import read_glb
 from neuroanimator.systems.movers import Motions, Movers
 
 MOTION_STEP = 1 / 60
@@ -22,7 +23,7 @@ def recorded_motions(path: Path, movers: Movers) -> Motions:
 
     Raises ArgumentError if none is, or if one is faster than its mover may be, BadFileError if the file is faulty.
     """
-    paths = paths_of_nodes(path, movers.names)
+    paths = paths_of_nodes(read_glb(path), path, movers.names)
     begin = max(found.times[0] for found in paths.values())
     end = min(found.times[-1] for found in paths.values())
     times = np.arange(begin, end, MOTION_STEP)
