@@ -196,7 +196,10 @@ def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | 
     definition = controls_definition(parametrisation)
 
     def about() -> list[str]:
-        if _has_code_in_sources(parametrisation):
+        of_controls = parametrisation
+        if isinstance(of_controls, VariedParameters):
+            of_controls = of_controls.parametrisation
+        if has_code_in_sources(of_controls):
             return [CONTROLS, *facts_of(parametrisation)]
         return [CONTROLS, *facts_computed(definition, len(NO_NUMBERS))]
 
@@ -204,12 +207,6 @@ def controls_map(parametrisation: Parametrisation | VariedParameters) -> CMap | 
     refer = partial(_controls_reference, definition)
     program = load_program(about, make, refer, _check, type(parametrisation).__name__)
     return None if program is None else CMap(program, CONTROLS, NO_NUMBERS)
-
-
-def _has_code_in_sources(parametrisation: Parametrisation | VariedParameters) -> bool:
-    if isinstance(parametrisation, VariedParameters):
-        parametrisation = parametrisation.parametrisation
-    return has_code_in_sources(parametrisation)
 
 
 def descent_maps(problem: Problem, form: ObjectiveForm) -> dict[str, MapDefinition]:

@@ -89,7 +89,12 @@ def gradient_trust(
     along = random_directions(len(z), directions or len(z))
 
     def simulate(starts: np.ndarray, controls: np.ndarray) -> np.ndarray:
-        return _simulate(system, starts, controls, emulator.dt)
+        runs = system.simulate_fastest(starts, controls, emulator.dt)
+        if runs.has_diverged.any():
+            raise NeuroAnimatorError(
+                "The physics diverged under these controls, so it has no gradient. Shorten the motion."
+            )
+        return runs.states
 
     with phase("checking the gradient"):
         on_emulator = along @ evaluator_of(problem).gradients(z[None])[1][0]
@@ -149,15 +154,6 @@ def _precise_costs(
     for motion, held in zip(states, controls, strict=True):
         costs.append(objective(Trajectory(motion, held, control_scale, dt)))
     return np.array(costs)
-
-
-def _simulate(system: System, starts: np.ndarray, controls: np.ndarray, dt: float) -> np.ndarray:
-    runs = system.simulate_fastest(starts, controls, dt)
-    if runs.has_diverged.any():
-        raise NeuroAnimatorError(
-            "The physics diverged under these controls, so it has no gradient. Shorten the motion."
-        )
-    return runs.states
 
 
 @eqx.filter_jit

@@ -111,6 +111,9 @@ class Problem(eqx.Module):
             motion = Trajectory(self.start[None], controls, self.control_scale, self.emulator.dt)
             return of_controls.residuals(motion)
 
+        def of_functions(z: Array) -> Array:
+            return self.objective.extra(self.trajectory(z))
+
         count = jax.eval_shape(of_motion, z).shape[0]
         if BACKWARD_COST * count < len(z):
             motion_residuals, pull_back = jax.vjp(of_motion, z)
@@ -123,9 +126,6 @@ class Problem(eqx.Module):
         cost = jnp.sum(residuals**2) / 2
         slope = jnp.zeros_like(z)
         if self.objective.functions:
-            extra, slope = jax.value_and_grad(self._extra)(z)
+            extra, slope = jax.value_and_grad(of_functions)(z)
             cost += extra
         return Linearised(residuals, jacobian, slope, cost)
-
-    def _extra(self, z: Float[Array, " Z"]) -> Float[Array, ""]:
-        return self.objective.extra(self.trajectory(z))

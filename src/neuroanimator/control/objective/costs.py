@@ -384,7 +384,7 @@ def reach_height(
     return ReachHeight(
         weight=as_parameter(weight),
         structure=system.structure,
-        low=_number("height", height),
+        low=_numbers("height", [height], 1).reshape(()),
         high=as_parameter(FAR),
         # So that the residuals' squares add up to the mean square of the points' distances.
         within=as_parameter(_positive("within", within) * math.sqrt(points)),
@@ -625,10 +625,6 @@ def _numbers(
             wanted = f"rows of {wanted}"
         raise ArgumentError(f"{label}: wanted {wanted}, got {array.tolist()}.")
     return as_parameter(array)
-
-
-def _number(label: str, value: float) -> Float[np.ndarray, " ..."]:
-    return _numbers(label, [value], 1).reshape(())
 
 
 def _positive(label: str, value: float) -> Float[np.ndarray, " ..."]:

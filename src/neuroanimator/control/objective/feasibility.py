@@ -26,8 +26,15 @@ def check_reachable(
     for term in objective.terms:
         if isinstance(term, ReachState):
             _check_state(term, emulator)
-        if max_speed is not None:
-            _check_speed(term, float(max_speed), start, steps * emulator.dt)
+        if max_speed is None:
+            continue
+        fastest = float(max_speed)
+        wanted = _wanted_speed(term, start, steps * emulator.dt)
+        if wanted > MARGIN * fastest:
+            raise ArgumentError(
+                f"objective: it takes {wanted:.3g} m/s to get there; training reached {fastest:.3g} m/s at most. "
+                "Choose a nearer goal, or more time."
+            )
 
 
 def _check_state(term: ReachState, emulator: Emulator) -> None:
@@ -39,15 +46,6 @@ def _check_state(term: ReachState, emulator: Emulator) -> None:
         raise ArgumentError(
             "objective: the wanted state lies outside what the emulator was trained on. "
             "Choose one nearer to rest, or train with wider starts."
-        )
-
-
-def _check_speed(term: CostTerm, fastest: float, start: np.ndarray, seconds: float) -> None:
-    wanted = _wanted_speed(term, start, seconds)
-    if wanted > MARGIN * fastest:
-        raise ArgumentError(
-            f"objective: it takes {wanted:.3g} m/s to get there; training reached {fastest:.3g} m/s at most. "
-            "Choose a nearer goal, or more time."
         )
 
 

@@ -36,9 +36,7 @@ def objective_cost(
     return float(_cost(objective, motion))
 
 
-@eqx.filter_jit
-def _cost(objective: Objective, trajectory: Trajectory) -> Array:
-    return objective(trajectory)
+_cost = eqx.filter_jit(Objective.__call__)
 
 
 def _in_c(objective: Objective, emulator: Emulator, steps: int) -> CObjective | None:
@@ -54,9 +52,7 @@ def check_objective(
     """Raise ArgumentError if `objective` cannot be descended."""
     weights = [float(term.weight) for term in objective.terms]
     if any(not 0 <= weight < math.inf for weight in weights):
-        raise ArgumentError(
-            f"objective: wanted weights of at least 0, got {min(weights, key=_rank):g}."
-        )
+        raise ArgumentError(f"objective: wanted weights of at least 0, got {np.min(weights):g}.")
     if not objective.functions and not any(weights):
         raise ArgumentError(
             "objective: every weight is zero, so all motions are equally good. Give a term a weight."
@@ -100,10 +96,6 @@ def cost_and_slopes(
         return objective(trajectory._replace(states=states, controls=controls))
 
     return jax.value_and_grad(cost, (0, 1))(trajectory.states, trajectory.controls)
-
-
-def _rank(weight: float) -> float:
-    return -math.inf if math.isnan(weight) else weight
 
 
 def check_times(term: CostTerm, steps: int, dt: float) -> None:

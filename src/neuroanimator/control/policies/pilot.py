@@ -95,7 +95,9 @@ class Pilot:
         Raises ArgumentError for a policy that takes no commands, for a needless `system`, and for an estimator of another
         body's parameters.
         """
-        self.policy = _loaded(policy)
+        if not isinstance(policy, Policy | StatePolicy):
+            policy = load_any_policy(find_policy(str(policy)))
+        self.policy = policy
         self._motion = _motion_of(self.policy, system)
         self.estimator = estimator
         if estimator is not None:
@@ -273,12 +275,6 @@ class Pilot:
                 f"state: wanted one of {checked.shape[-1]} numbers, got shape {checked.shape}."
             )
         return checked
-
-
-def _loaded(policy: Policy | StatePolicy | str | Path) -> Policy | StatePolicy:
-    if isinstance(policy, Policy | StatePolicy):
-        return policy
-    return load_any_policy(find_policy(str(policy)))
 
 
 def _motion_of(policy: Policy | StatePolicy, system: System | None) -> PilotMotion:

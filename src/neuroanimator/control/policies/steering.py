@@ -72,11 +72,8 @@ def upright(pose: Pose) -> Float[AnyArray, "*B 3"]:
 
 def unit(vectors: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B 3"]:
     """Return `vectors` normalised; zero vectors stay zero."""
-    return vectors / (_length(vectors) + EPSILON)[..., None]
-
-
-def _length(vectors: Float[AnyArray, "*B 3"]) -> Float[AnyArray, "*B"]:
-    return vectors.__array_namespace__().sqrt(_dot(vectors, vectors) + EPSILON**2)
+    length = vectors.__array_namespace__().sqrt(_dot(vectors, vectors) + EPSILON**2)
+    return vectors / (length + EPSILON)[..., None]
 
 
 def _dot(
