@@ -209,7 +209,8 @@ class Learner:
             # A larger rate could undo in one update what the policy has learnt.
             rate = RATES[0]
             check_start(start, emulator, view)
-            view, network = started(start, view, self._starts())
+            states = as_jax(drawn_starts(rules, emulator, [self._rng(-1)] * STARTS))
+            view, network = started(start, view, states)
             counters = Counters(observed=int(MAX_OBSERVED))
         values = Perceptron.fresh((count, *learning.critic_widths, 1), critic_key, 1.0)
         actor = Actor(network, jnp.full(controls, np.log(learning.spread), jnp.float32))
@@ -250,10 +251,6 @@ class Learner:
         if learning.gradient_weight is not None:
             self.counters = counters._replace(gradient_weight=learning.gradient_weight)
         self.emulator_error = 0.0
-
-    def _starts(self) -> Float[Array, "B S"]:
-        """Return states in which episodes begin."""
-        return as_jax(drawn_starts(self.rules, self.emulator, [self._rng(-1)] * STARTS))
 
     def resume(self, progress: LearnerState, counters: Counters) -> None:
         """Resume from `progress`."""

@@ -94,7 +94,8 @@ class TaskRows(EpisodeRows):
     def place(self, starts: Int[np.ndarray, " B"], rows: Bool[np.ndarray, " B"]) -> None:
         self.numbers = np.where(rows, starts, self.numbers)
         self._trials = [self.trial(int(number)) for number in self.numbers]
-        self._objectives = _stacked([trial.objective for trial in self._trials])
+        objectives = [trial.objective for trial in self._trials]
+        self._objectives = jax.tree.map(lambda *leaves: jnp.stack(leaves), *objectives)
         self._aims = Aims.of([trial.aim for trial in self._trials])
         begun = self._begun()
         if rows.all():
@@ -165,8 +166,3 @@ def _costs(
         return objective(Trajectory(path, held, scale, dt))
 
     return eqx.filter_vmap(cost)(objectives, controls, states)
-
-
-def _stacked(rows: list[Any]) -> Any:
-    """Return trees of the same structure as one, their leaves stacked."""
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)

@@ -14,7 +14,6 @@ from neuroanimator.learn.data.shard import Shard, make_shard
 from neuroanimator.learn.data.shard_files import diverged_in, store_shard
 from neuroanimator.physics import carried_system
 from neuroanimator.physics.rigid.warnings import warnings_heard
-from neuroanimator.systems.system import System
 from neuroanimator.systems.trusted_files import NO_FILES, TrustedFiles, trust_as_told
 
 THIS_PROCESS = secrets.token_hex(8)
@@ -70,7 +69,5 @@ def run_shard_task(task: ShardTask) -> MadeShard:
     return MadeShard(shard, diverged, warnings_heard() - before, THIS_PROCESS)
 
 
-@lru_cache(maxsize=2)
-def _system_of(name: str, definition: str) -> System:
-    """Return the system, cached: a worker makes many shards of one."""
-    return carried_system(name, definition)
+_system_of = lru_cache(maxsize=2)(carried_system)
+"""A system, cached: a worker makes many shards of one."""

@@ -18,7 +18,7 @@ from neuroanimator.learn.data.sampling import sample_starts
 from neuroanimator.learn.evaluation.accuracy import emulate
 from neuroanimator.learn.evaluation.held_out import system_of
 from neuroanimator.state.pose import read_pose
-from neuroanimator.state.rotation import rotation_rows
+from neuroanimator.state.rotation import upward
 from neuroanimator.systems.random_controls import sample_control_runs
 from neuroanimator.systems.system import System
 
@@ -119,12 +119,12 @@ def quantities(
     if system.structure.cloud is not None:
         pose = read_pose(system.structure, states)
         found["speed"] = np.linalg.norm(pose.velocity, axis=1)
-        found["tilt"] = np.arccos(np.clip(pose.upward[:, 2], -1, 1))
+        found["tilt"] = _tilts(pose.upward)
     else:
         found["speed"] = _speeds(system, states)
     for entry, _ in system.structure.orientations:
         name = system.state.names[entry].rsplit(".", 1)[0].rsplit("[", 1)[0]
-        found[f"tilt of {name}"] = _tilts(states[:, entry : entry + 4])
+        found[f"tilt of {name}"] = _tilts(upward(states[:, entry : entry + 4]))
     for part in system.state.slices:
         if part.unit == "rad":
             for number, values in enumerate(system.state.part(states, part.name).T, start=1):
@@ -142,9 +142,8 @@ def _speeds(system: System, states: Float[np.ndarray, "N S"]) -> Float[np.ndarra
     return np.linalg.norm(states, axis=1)
 
 
-def _tilts(orientations: Float[np.ndarray, "N 4"]) -> Float[np.ndarray, " N"]:
-    upward = rotation_rows(orientations)[2][2]
-    return np.arccos(np.clip(upward, -1, 1))
+def _tilts(upwards: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, " N"]:
+    return np.arccos(np.clip(upwards[:, 2], -1, 1))
 
 
 def _known_quantities(

@@ -180,7 +180,9 @@ def measure_speed(emulator: Emulator, test: HeldOut, error: float, repeats: int 
     per_super_step = min(seconds[name] for name in players) / TIMED_SUPER_STEPS
     per_step = {name: seconds[name] / physics.steps for name in physics.players}
     opponents = _opponents(test, physics, per_step)
-    equal_error_opponent = _fastest(opponents, error)
+    able = [opponent for opponent in opponents if opponent.error <= error]
+    # if the error is NaN, the fastest of all
+    equal_error_opponent = min(able or opponents, key=lambda opponent: opponent.seconds)
     own = per_step[test.system.scheme.integrator]
     return Speed(
         emulator_seconds=per_super_step,
@@ -201,15 +203,6 @@ def _opponents(test: HeldOut, physics: _TimedPhysics, per_step: dict[str, float]
         seconds = per_step[scheme.integrator] * scheme.steps(test.dt)
         opponents.append(Opponent(scheme, physics.error(test, scheme), seconds))
     return opponents
-
-
-def _fastest(opponents: list[Opponent], error: float) -> Opponent:
-    """Return the fastest opponent whose error is at most `error`.
-
-    If `error` is NaN, it is the fastest of all.
-    """
-    able = [opponent for opponent in opponents if opponent.error <= error]
-    return min(able or opponents, key=lambda opponent: opponent.seconds)
 
 
 def measure_emulator(emulator: Emulator, repeats: int = REPEATS) -> float:

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from neuroanimator.codegen.jax_settings import keep_programs
 from neuroanimator.emulator.artifact import check_readable, save
@@ -27,7 +27,6 @@ from neuroanimator.learn.data.store import Dataset
 from neuroanimator.learn.training.checkpoint import TrainingState, read_checkpoint, write_checkpoint
 from neuroanimator.learn.training.chunk import completed
 from neuroanimator.learn.training.config import UPDATES_PER_CHUNK, TrainingConfig
-from neuroanimator.learn.training.feed import Feed
 from neuroanimator.learn.training.lesson import Lesson, lesson_of
 from neuroanimator.learn.training.loss import squared_error
 from neuroanimator.learn.training.optimizer import make_optimizer
@@ -90,7 +89,10 @@ def train(
         run = _Run.prepare(data, config, folder, checkpoints or folder, start_from)
         feed = run.lesson.feed
         remove_stale(folder)
-        provenance = {"dataset": data.config.model_dump(), "training": _settings(feed, config)}
+        settings = config.model_dump(mode="json")
+        if feed.pools.is_one:  # then the weights do not depend on the memory
+            del settings["memory"]
+        provenance = {"dataset": data.config.model_dump(), "training": settings}
         check_readable(feed.problem.base, folder, provenance)
         with closing(feed):
             while not run.is_over:
@@ -102,14 +104,6 @@ def train(
         save(emulator, out, provenance)
         (folder / SO_FAR).unlink(missing_ok=True)
     return emulator
-
-
-def _settings(feed: Feed, config: TrainingConfig) -> dict[str, Any]:
-    """Return the settings on which the weights depend: not the memory's size, if all windows fit into it."""
-    settings = config.model_dump(mode="json")
-    if feed.pools.is_one:
-        del settings["memory"]
-    return settings
 
 
 def run_folder(out: Path) -> Path:
@@ -201,16 +195,12 @@ class _Run:
     def _validation_errors(self, network: Network) -> Float[np.ndarray, " H"]:
         """Return the root mean square error after 1..H super steps, over all numbers that move."""
         emulator = self._with(network)
-        squares = _validate(emulator, *self.lesson.validation)
+        squares = _squared_error(emulator, *self.lesson.validation)
         moves = np.asarray(self.lesson.problem.base.normaliser.unit) > 0
         return np.sqrt(np.asarray(squares)[:, moves].mean(axis=1))
 
 
-@eqx.filter_jit
-def _validate(
-    emulator: Emulator, states: Float[Array, "N T I"], controls: Float[Array, "N H C"]
-) -> Float[Array, "H V"]:
-    return squared_error(emulator, states, controls)
+_squared_error = eqx.filter_jit(squared_error)
 
 
 def read_metrics(path: Path) -> list[Report]:
