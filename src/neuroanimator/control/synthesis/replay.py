@@ -117,7 +117,9 @@ def ranked_motions(
             runs = system.simulate_fastest(starts, candidates, emulator.dt)
         judge = "physics"
     else:
-        runs = _emulated_runs(emulator, starts, candidates)
+        with phase("emulating"):
+            states = np.asarray(emulator.rollout(starts, candidates, may_diverge=True), float)
+        runs = Runs(states, np.asarray(~np.isfinite(states).all(axis=(1, 2))))
         judge = "emulator"
     if runs.has_diverged.all():
         raise DivergedError(
@@ -130,13 +132,3 @@ def ranked_motions(
         cost = objective_cost(objective, emulator, states, controls)
         motions.append(ReplayedMotion(controls, states, cost))
     return sorted(motions, key=lambda motion: motion.cost)
-
-
-def _emulated_runs(
-    emulator: Emulator, starts: Float[np.ndarray, "K S"], candidates: Float[np.ndarray, "K T C"]
-) -> Runs:
-    """Return the runs of `candidates` from `starts` on the emulator."""
-    with phase("emulating"):
-        states = np.asarray(emulator.rollout(starts, candidates, may_diverge=True), float)
-    has_diverged = np.asarray(~np.isfinite(states).all(axis=(1, 2)))
-    return Runs(states, has_diverged)

@@ -90,8 +90,14 @@ def train_fleet(
     out = Path(out)
     with locked(out):
         remove_stale(out)
-        rows = _finished(fleet, out)
-        missing = [member for member in fleet.members if member.name not in rows]
+        rows: dict[str, FleetRow] = {}
+        missing = []
+        for member in fleet.members:
+            row = _read_row(member, out)
+            if row is None:
+                missing.append(member)
+            else:
+                rows[member.name] = row
         data = place_of(fleet.data) if fleet.data else out / DATA
         datasets = {member.dataset: member.data for member in missing}
         for name, config in datasets.items():
@@ -156,17 +162,8 @@ def _keep(member: Member, trained: TrainedMember, out: Path) -> FleetRow:
     return row
 
 
-def _finished(fleet: Fleet, out: Path) -> dict[str, FleetRow]:
-    """Return the rows of the members that are there and whole; BadFileError if one belongs to another fleet."""
-    rows = {}
-    for member in fleet.members:
-        row = _read_row(member, out)
-        if row is not None:
-            rows[member.name] = row
-    return rows
-
-
 def _read_row(member: Member, out: Path) -> FleetRow | None:
+    """Return the row of a member that is there and whole; BadFileError if it belongs to another fleet."""
     path = _row_path(out, member)
     if not path.exists():
         return None
