@@ -115,13 +115,14 @@ def _encode(images: Iterable[Picture], out: Path, film: Film, rate: float) -> No
 
 
 def _check_together(take: Take, rate: float) -> None:
-    """Raise ArgumentError for clips that are not of one system, or not of this `rate`."""
+    """Raise ArgumentError for clips that are neither of one system nor a surface alone, or not of this `rate`."""
     clips = together(take.clips, take.ghost)
     if len(clips) > MAX_CLIPS:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} to film together, got {len(clips)}.")
     first = clips[0]
     for clip in clips:
-        if (clip.name, clip.definition) != (first.name, first.definition):
+        is_garment = not any(bone.shapes for bone in clip.skeleton.bones)
+        if not is_garment and (clip.name, clip.definition) != (first.name, first.definition):
             raise ArgumentError(
                 f"clips: wanted clips of one system, got {first.name} and {clip.name}."
             )

@@ -43,6 +43,9 @@ FINE_PARTS = 10
 CONSTRAINT_SECONDS = 3e-9
 """Time of a core for a spring or tetrahedron in a small step [s], as measured for 600 to 85,000 of them."""
 
+COLLISIONS = 2
+"""Number of nodes and colliders of which the distances take as long as that."""
+
 USUAL_SIZES = (0.01, 20.0)
 """Smallest and largest size that is taken for one in metres [m]: from a button to a tent."""
 
@@ -186,7 +189,9 @@ def propose_soft(path: Path, given: MeshReading, character: Path | None = None) 
     if mesh.mended:
         told.append(("mended", "; ".join(mesh.mended)))
     told += rows
+    colliders = len(scene.body.capsules) + len(scene.body.boxes)
     constraints = len(scene.body.pairs) + len(scene.body.tetrahedra)
+    constraints += colliders * len(mesh.positions) // COLLISIONS
     count, frames = SOFT_COUNT, data_steps(scene.anchor == FREE)
     parts = tuple(own["movers"]) if "movers" in own else ()
     parts += tuple(f"{name}_velocity" for name in parts)
