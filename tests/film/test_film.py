@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import imageio_ffmpeg
 import numpy as np
 import pytest
 from conftest import Cli
+from soft_bodies import soft_clip, wavy_shapes
 
 from neuroanimator import Clip, Emulator, load_emulator, load_system, make_clip, write_video
 from neuroanimator.animation.motion import default_drive, random_drive
@@ -153,12 +155,30 @@ def test_an_arm_that_stays_is_filmed_by_a_camera_that_stays():
 
 def test_clips_that_cannot_be_seen_together_are_refused(tmp_path: Path):
     fish, cube = held("fish", np.ones(9)), held("cube", np.ones(9))
-    with pytest.raises(ArgumentError, match="wanted clips of one system, got fish and cube"):
-        write_video([fish, cube], tmp_path / "a.mp4")
+    for one, other in ((fish, cube), (cube, fish)):
+        with pytest.raises(ArgumentError, match=f"one system, got {one.name} and {other.name}"):
+            write_video([one, other], tmp_path / "a.mp4")
     slow = Clip("fish", fish.skeleton, fish.times * 2, fish.states)
     with pytest.raises(ArgumentError, match="wanted one rate, got 30 and 15 frames"):
         write_video([fish, slow], tmp_path / "a.mp4")
     assert not list(tmp_path.iterdir())
+
+
+def test_what_a_body_wears_is_filmed_with_it(tmp_path: Path):
+    """Both are in the picture: it differs from that of either alone."""
+    cube = held("cube", np.ones(9))
+    flag = soft_clip(wavy_shapes(12, 4), frames=9)
+    bare = replace(
+        flag.skeleton, bones=tuple(replace(bone, shapes=()) for bone in flag.skeleton.bones)
+    )
+    worn = replace(flag, skeleton=bare)
+    pictures = []
+    for number, clips in enumerate(([cube], [worn], [cube, worn])):
+        film = tmp_path / f"{number}.mp4"
+        write_video(clips, film, size=(64, 64), camera="still")
+        pictures.append(first_picture(film, (64, 64)).astype(int))
+    assert np.abs(pictures[2] - pictures[0]).max() > 40
+    assert np.abs(pictures[2] - pictures[1]).max() > 40
 
 
 def first_picture(film: Path, size: tuple[int, int]) -> np.ndarray:

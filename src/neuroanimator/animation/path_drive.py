@@ -190,7 +190,7 @@ def _remarks_on_speed(
     slower = np.floor(100 * SLACK * speed / factor) / 100
     return [
         f"{path.name}: {follower.name} moves {told}, {factor:.3g} times as fast as in training, beyond what the emulator "
-        f"knows. Slow it down to {slower:g} times that (--path-speed), or raise '{bound}' of {follower.name} in the TOML file and train again."
+        f"knows. Slow it down (--path-speed {slower:g}), or raise '{bound}' of {follower.name} in the TOML file and train again."
     ]
 
 

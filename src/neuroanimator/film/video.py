@@ -121,7 +121,8 @@ def _check_together(take: Take, rate: float) -> None:
         raise ArgumentError(f"clips: wanted 1 to {MAX_CLIPS} to film together, got {len(clips)}.")
     first = clips[0]
     for clip in clips:
-        is_garment = not any(bone.shapes for bone in clip.skeleton.bones)
+        has_parts = any(bone.shapes for bone in clip.skeleton.bones)
+        is_garment = clip.skeleton.shapes is not None and not has_parts
         if not is_garment and (clip.name, clip.definition) != (first.name, first.definition):
             raise ArgumentError(
                 f"clips: wanted clips of one system, got {first.name} and {clip.name}."
