@@ -7,10 +7,12 @@ import json
 from pathlib import Path
 
 import numpy as np
+from characters import write_character
 
 import neuroanimator
 from fuzz.corpus import read_corpus, write_corpus
 from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.glb import read_glb
 from neuroanimator.files.zoo import shipped_path
 
 ASSETS = Path(str(neuroanimator.__file__)).parent / "systems" / "assets"
@@ -195,6 +197,9 @@ def seeds() -> dict[str, dict[str, bytes]]:
         },
         "metadata": {"diverged": 0},
     }
+    who = write_character(Path(__file__).parent / "who.glb")
+    character = read_glb(who).document
+    who.unlink()
     small = Path(__file__).parent / "small.safetensors"
     write_tensors(
         small,
@@ -233,6 +238,7 @@ def seeds() -> dict[str, dict[str, bytes]]:
         "objective": {"good": OBJECTIVE.encode()},
         "path": {"walk": WALK, "turn": TURN},
         "request": {key: json.dumps(value).encode() for key, value in REQUESTS.items()},
+        "rig": {"good": json.dumps(character).encode()},
         "solid": {"old": SOLID, "new": NEW_SOLID},
         "state": {"good": b"[[0.1, 2, -3e4], [1, 2, 3]]"},
         "tensors": {"good": sealed},

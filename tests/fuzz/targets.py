@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from characters import write_character
 
 from neuroanimator.animation.recorded_path import read_path
 from neuroanimator.cli.usage import whole_numbers
@@ -21,6 +22,7 @@ from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.csv_file import read_table
 from neuroanimator.export.gltf.buffers import glb_bytes
 from neuroanimator.files.atomic import read_tensors, write_tensors
+from neuroanimator.files.glb import read_glb
 from neuroanimator.files.tables import check_table, read_toml
 from neuroanimator.files.zoo import shipped_path
 from neuroanimator.learn.data.config import DatasetConfig
@@ -31,6 +33,7 @@ from neuroanimator.physics.recorded.npz_file import read_npz
 from neuroanimator.physics.recorded.recording import cut_runs, read_csv
 from neuroanimator.physics.rigid.compiled_model import ModelRequest, compile_here
 from neuroanimator.physics.soft.mesh_file import read_mesh
+from neuroanimator.scaffold.character import propose_movers
 from neuroanimator.state.layout import Layout, Slice
 from neuroanimator.systems.model_files import ModelFiles
 from neuroanimator.systems.system import System
@@ -113,6 +116,15 @@ def glb(content: bytes) -> None:
         content = glb_bytes(document, np.arange(8, dtype="<f4").tobytes())
     _file("walk.glb", content)
     read_path(f"{FOLDER}/walk.glb:hips")
+
+
+def rig(content: bytes) -> None:
+    """The document of a character with a skin, about the numbers of a small one; or the whole file."""
+    document = _json(content)
+    if isinstance(document, dict):
+        content = glb_bytes(document, _numbers_of_character())
+    nodes = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.5]])
+    propose_movers(_file("rig.glb", content), nodes, np.array([0]), 0.01)
 
 
 def mesh(content: bytes) -> None:
@@ -213,6 +225,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "objective": objective,
     "path": path,
     "request": request,
+    "rig": rig,
     "solid": solid,
     "state": state,
     "tensors": tensors,
@@ -243,6 +256,11 @@ def _json(content: bytes) -> Any:
         return json.loads(content)
     except (ValueError, RecursionError):
         return None
+
+
+@cache
+def _numbers_of_character() -> bytes:
+    return read_glb(write_character(FOLDER / "character.glb")).binary
 
 
 @cache

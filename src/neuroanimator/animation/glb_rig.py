@@ -20,7 +20,7 @@ MAX_DEPTH = 1000
 """Maximum number of nodes above a node."""
 
 MAX_JOINTS = 1000
-"""Maximum number of joints of a skin."""
+"""Maximum number of joints of a skin, and of nodes that have meshes."""
 
 MAX_POINTS = 2_000_000
 """Maximum number of points of all meshes together."""
@@ -159,7 +159,7 @@ class Rig:
                     raise ValueError("a skin with other numbers of points, joints and weights")
                 strongest = weights.argmax(axis=1, keepdims=True)
                 chosen = np.take_along_axis(joints, strongest, axis=1)[:, 0].astype(int)
-                if chosen.max() >= len(skin.joints):
+                if not 0 <= chosen.min() <= chosen.max() < len(skin.joints):
                     raise ValueError(f"a point moved by joint {chosen.max()} of {len(skin.joints)}")
                 owners = np.array(skin.joints)[chosen]
             placed = z_up(places @ matrix[:3, :3].T + matrix[:3, 3])
@@ -184,14 +184,17 @@ class Rig:
         for animation in self.file.objects("animations"):
             for channel in objects_in(animation, "channels"):
                 target = channel.get("target")
-                moving.add(target.get("node") if isinstance(target, dict) else None)
+                node = target.get("node") if isinstance(target, dict) else None
+                moving.add(node if isinstance(node, int) else None)
         meshes = self.file.objects("meshes")
         seen = set()
-        for number, node in enumerate(self.nodes):
-            is_shown = (
-                "skin" in node if self.skins else bool(moving.intersection(self.chain(number)))
-            )
-            if "mesh" not in node or not is_shown:
+        with_mesh = [number for number, node in enumerate(self.nodes) if "mesh" in node]
+        if len(with_mesh) > MAX_JOINTS:
+            raise ValueError(f"more than {MAX_JOINTS:,} nodes with meshes. Join them")
+        for number in with_mesh:
+            node = self.nodes[number]
+            is_shown = "skin" in node if self.skins else moving.intersection(self.chain(number))
+            if not is_shown:
                 continue
             for primitive in objects_in(object_at(meshes, node["mesh"], "mesh"), "primitives"):
                 attributes = primitive.get("attributes")

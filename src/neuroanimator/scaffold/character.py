@@ -15,6 +15,7 @@ from neuroanimator.definitions.soft import MAX_MOVERS, MoverTable
 from neuroanimator.errors import BadFileError
 from neuroanimator.files.atomic import one_line
 from neuroanimator.files.glb import read_glb
+from neuroanimator.files.names import refuse_twins
 from neuroanimator.physics.soft.recorded_motions import recorded_motions
 from neuroanimator.physics.soft.soft_body import Points
 from neuroanimator.state.mover_poses import FREELY
@@ -68,6 +69,7 @@ def propose_movers(
         raise BadFileError(
             f"{path}: no bones that move a skin. Export the character with its armature and its skin."
         )
+    refuse_twins((mover_name(bone.name) for bone in bones), f"{path}: bones")
     held = nodes[pins].mean(axis=0)
     holder = min(bones, key=lambda bone: np.linalg.norm(bone.points - held, axis=1).min())
     free = np.delete(nodes, pins, axis=0)

@@ -11,7 +11,7 @@ from neuroanimator.errors import ArgumentError
 from neuroanimator.files.glb import read_glb
 from neuroanimator.systems.movers import Motions, Movers
 
-MOTION_STEP = 1 / 60
+MOTION_STEP = 1 / 30
 """Time between two poses [s]."""
 
 SLACK = 1.01
