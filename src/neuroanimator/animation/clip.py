@@ -113,11 +113,12 @@ def make_clip(
     if trust is None:
         return clip
     scores = np.asarray(trust, float)
-    if scores.shape != (len(np.asarray(states)) - 1,):
+    count = len(np.asarray(states)) - 1
+    if scores.shape != (count,):
         raise ArgumentError(
-            f"trust: wanted a score for each of {len(np.asarray(states)) - 1} super steps, got {scores.shape}."
+            f"trust: wanted a score for each of {count} super steps, got {scores.shape}."
         )
-    steps = np.minimum(clip.times / emulator.dt + STEP_ROUNDING, len(scores) - 1).astype(int)
+    steps = np.minimum(clip.times / emulator.dt + STEP_ROUNDING, count - 1).astype(int)
     verdict = emulator.verdict
     return replace(clip, trust=scores[steps], verdict=verdict.word if verdict else "")
 

@@ -63,7 +63,10 @@ def interpolate_hermite(
         v0 = before[:, velocities] * dt
         v1 = after[:, velocities] * dt
         interpolated[:, positions] = hermite_cubic(share, p0, p1, v0, v1)
-        interpolated[:, velocities] = _cubic_slope(share, p0, p1, v0, v1) / dt
+        # The derivative of the cubic, per interval.
+        slopes = 6 * (share**2 - share) * (p0 - p1)
+        slopes = slopes + (3 * share**2 - 4 * share + 1) * v0 + (3 * share**2 - 2 * share) * v1
+        interpolated[:, velocities] = slopes / dt
     return _unit(interpolated, orientations)
 
 
@@ -81,17 +84,6 @@ def hermite_cubic(
         + (3 * s**2 - 2 * s**3) * p1
         + (s**3 - s**2) * v1
     )
-
-
-def _cubic_slope(
-    s: Float[np.ndarray, "F 1"],
-    p0: Float[np.ndarray, "F K"],
-    p1: Float[np.ndarray, "F K"],
-    v0: Float[np.ndarray, "F K"],
-    v1: Float[np.ndarray, "F K"],
-) -> Float[np.ndarray, "F K"]:
-    """Return the slope of `hermite_cubic` per interval."""
-    return 6 * (s**2 - s) * (p0 - p1) + (3 * s**2 - 4 * s + 1) * v0 + (3 * s**2 - 2 * s) * v1
 
 
 def _with_nearest_signs(
