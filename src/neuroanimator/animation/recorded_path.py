@@ -169,10 +169,7 @@ def _of_node(file: Glb, where: str | Path, node: str, name: str) -> RecordedPath
 def _from_csv(path: Path, part: str | None) -> RecordedPath:
     content = read_bounded(path, MAX_TABLE)
     position, turns = _names_of(part)
-    try:
-        header = read_header(content, lambda cells: position[0] in map(_name, cells))
-    except ValueError as error:
-        raise BadFileError(f"{path}, {one_line(error)}.") from error
+    header = read_header(content, lambda cells: position[0] in map(_name, cells), str(path))
     columns, factors = _columns(header.cells, position, turns, str(path))
     read = read_numbers(content, header, columns, str(path))
     table = read.values * factors

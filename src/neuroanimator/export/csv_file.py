@@ -13,7 +13,7 @@ from jaxtyping import Float
 from neuroanimator.animation.clip import Clip
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import one_line, read_bounded, write_whole
+from neuroanimator.files.atomic import read_bounded, write_whole
 from neuroanimator.files.clock import resolution_of, straightened
 from neuroanimator.files.number_table import read_header, read_numbers
 from neuroanimator.state.layout import Layout
@@ -63,10 +63,7 @@ def read_table(
     """
     content = read_bounded(path, MAX_TABLE)
     columns = _column_names(layout)
-    try:
-        header = read_header(content, lambda cells: cells == columns)
-    except ValueError as error:
-        raise BadFileError(f"{path}, {one_line(error)}.") from error
+    header = read_header(content, lambda cells: cells == columns, str(path))
     for column, (name, given) in enumerate(zip_longest(columns, header.cells, fillvalue="")):
         if name != given:
             raise BadFileError(

@@ -91,9 +91,12 @@ class NumberTable:
     """Number of each row's label, in order of appearance; 0 without labels."""
 
 
-def read_header(content: bytes, is_header: Callable[[list[str]], bool]) -> Header:
-    """Return the header, with cells separated so that `is_header` holds, by commas if none do; ValueError names the line."""
-    headers = [_first(content, delimiter) for delimiter in DELIMITERS]
+def read_header(content: bytes, is_header: Callable[[list[str]], bool], file: str) -> Header:
+    """Return the header, with cells separated so that `is_header` holds, by commas if none do; BadFileError names the line."""
+    try:
+        headers = [_first(content, delimiter) for delimiter in DELIMITERS]
+    except ValueError as error:
+        raise BadFileError(f"{file}, {one_line(error)}.") from error
     for header in headers:
         if is_header(header.cells):
             return header

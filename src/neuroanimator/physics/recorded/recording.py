@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from neuroanimator.errors import BadFileError
-from neuroanimator.files.atomic import one_line, read_bounded
+from neuroanimator.files.atomic import read_bounded
 from neuroanimator.files.clock import Clock, clock_of, resolution_of
 from neuroanimator.files.number_table import Header, read_header, read_numbers
 from neuroanimator.files.numbers import MIN_STEP
@@ -203,10 +203,7 @@ def _refuse_clock(
 
 def read_csv(content: bytes, name: str, vocabulary: Vocabulary | None = None) -> Samples:
     """Return the samples in a CSV file; BadFileError names line, column and fix."""
-    try:
-        header = read_header(content, lambda cells: any(map(time_column, cells)))
-    except ValueError as error:
-        raise BadFileError(f"{name}, {one_line(error)}.") from error
+    header = read_header(content, lambda cells: any(map(time_column, cells)), name)
     time, run = _clocks(header, name)
     where = f"{name}, line {header.line}"
     numbers = [number for number in range(len(header.cells)) if number not in (time, run)]
