@@ -9,6 +9,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.lib import format as npy
 
+from neuroanimator.files.atomic import one_line
+
 MAX_MEMBERS = 64
 """Maximum number of files in an archive; ours need six."""
 
@@ -27,9 +29,6 @@ Packed recordings grow two to ten times, a zip bomb a thousand times.
 MAX_AXES = 2
 """Maximum number of axes of an array: rows and columns."""
 
-MAX_REASON = 200
-"""Maximum number of characters of our own reason that one line quotes."""
-
 MAX_FOREIGN_REASON = 120
 """Maximum number of characters of a library's reason that one line quotes."""
 
@@ -44,8 +43,7 @@ def parse_npz(content: bytes, wanted: Iterable[str]) -> dict[str, np.ndarray]:
             members = _members(archive, wanted, len(content))
             return {name: _array(archive, member, name) for name, member in members.items()}
     except (ValueError, MemoryError) as error:
-        reason = " ".join(str(error).split())[:MAX_REASON]
-        raise ValueError(reason or type(error).__name__) from error
+        raise ValueError(one_line(error)) from error
     except Exception as error:
         # zipfile, zlib and NumPy's reader raise errors of any kind on damaged bytes.
         reason = " ".join(str(error).split())[:MAX_FOREIGN_REASON]
