@@ -97,13 +97,7 @@ class UrlPath:
 
     def write(self, content: bytes) -> None:
         """Write the object: readers find the old one or the new one, nothing else."""
-        try:
-            with self._told():
-                self._store.pipe_file(self.url, content)
-        except FileNotFoundError as error:
-            raise ResourceError(
-                f"Could not write {self}: no such bucket. Make it first."
-            ) from error
+        self._pipe(content)
 
     def create(self, content: bytes) -> bool:
         """Write the object unless there is one; return whether there was none.
@@ -111,15 +105,19 @@ class UrlPath:
         Of several concurrent calls only one succeeds, if the store guarantees that, as S3 does.
         """
         try:
-            with self._told():
-                self._store.pipe_file(self.url, content, mode="create")
+            self._pipe(content, mode="create")
         except FileExistsError:
             return False
+        return True
+
+    def _pipe(self, content: bytes, **options: str) -> None:
+        try:
+            with self._told():
+                self._store.pipe_file(self.url, content, **options)
         except FileNotFoundError as error:
             raise ResourceError(
                 f"Could not write {self}: no such bucket. Make it first."
             ) from error
-        return True
 
     @property
     def _store(self) -> Any:
