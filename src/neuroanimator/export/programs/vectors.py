@@ -16,16 +16,14 @@ from jaxtyping import Array, Bool, Float
 
 from neuroanimator.animation.motion import random_drive
 from neuroanimator.codegen.jax_settings import compiled_quickly
-from neuroanimator.control.policies.policy import Policy
-from neuroanimator.control.policies.state_policy import StatePolicy
 from neuroanimator.emulator.emulator import Emulator
 from neuroanimator.emulator.probes import rounded
 from neuroanimator.emulator.trust import EDGE
 from neuroanimator.errors import NeuroAnimatorError
 from neuroanimator.export.programs.definition import (
+    PHASE,
     Model,
     ProgramDefinition,
-    commands_of,
     emulator_of,
 )
 from neuroanimator.state.layout import Bounds, Layout
@@ -144,17 +142,8 @@ def make_vectors(definition: ProgramDefinition, model: Model) -> Vectors:
 
     Raises NeuroAnimatorError if these are too often not finite, or depend on the last digits of the inputs.
     """
-    rng = np.random.default_rng(0)
-    if isinstance(model, Emulator):
-        arrays = _emulator_inputs(model, rng)
-    elif isinstance(model, Policy):
-        arrays = _policy_inputs(model, rng)
-    else:
-        arrays = _state_policy_inputs(model, rng)
-    names = [port.name for port in definition.inputs]
-    inputs = {name: array.astype(np.float32) for name, array in zip(names, arrays, strict=True)}
-
     emulator = emulator_of(model)
+    inputs = _inputs_of(definition, emulator)
 
     def units(inputs: Arrays, outputs: Arrays) -> Arrays:
         scales: Arrays = {}
@@ -270,24 +259,21 @@ def _rows(arrays: Arrays, chosen: np.ndarray) -> Arrays:
     return {name: np.ascontiguousarray(array[chosen]) for name, array in arrays.items()}
 
 
-def _emulator_inputs(emulator: Emulator, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Return states (N, S) and controls (N, C)."""
-    return _states(emulator), _within(emulator.bounds, rng)
-
-
-def _policy_inputs(policy: Policy, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Return states (N, S), phases (N, 1) and commands (N, 4)."""
-    phases = rng.uniform(0, 2 * np.pi, (MOTIONS * (STEPS + 1), 1))
-    return _states(policy.emulator), phases, _within(policy.ranges, rng)
-
-
-def _state_policy_inputs(policy: StatePolicy, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
-    """Return states (N, S) and, for a policy that takes commands, these (N, 2)."""
-    commands = commands_of(policy)
-    states = _states(policy.emulator)
-    if commands is None:
-        return (states,)
-    return states, _within(commands.bounds, rng)
+def _inputs_of(definition: ProgramDefinition, emulator: Emulator) -> Arrays:
+    """Return rows of each input, by name: states, phases, and controls or commands within their bounds."""
+    rng = np.random.default_rng(0)
+    inputs: Arrays = {}
+    for port in definition.inputs:
+        if port.name == "state":
+            rows = _states(emulator)
+        elif port.layout is PHASE:
+            rows = rng.uniform(0, 2 * np.pi, (MOTIONS * (STEPS + 1), 1))
+        else:
+            low = tuple(definition.facts[f"{port.name}_low"])
+            high = tuple(definition.facts[f"{port.name}_high"])
+            rows = _within(Bounds(low, high), rng)
+        inputs[port.name] = rows.astype(np.float32)
+    return inputs
 
 
 def _within(bounds: Bounds, rng: np.random.Generator) -> Float[np.ndarray, "N C"]:
