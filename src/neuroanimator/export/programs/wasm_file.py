@@ -127,25 +127,21 @@ class WasmModule:
     def call(self, function: str, *arguments: np.ndarray | float) -> int | float | None:
         """Call a function with arrays, which are copied in and back, and numbers."""
         top = self._exports["__heap_base"].value(self._store)
-        addresses = []
+        placed: list[tuple[np.ndarray, int]] = []
+        converted: list[float] = []
         for argument in arguments:
             if isinstance(argument, np.ndarray):
                 top = -(-top // ALIGNMENT) * ALIGNMENT
-                addresses.append(top)
+                placed.append((argument, top))
+                converted.append(top)
                 top += argument.nbytes
-        self._make_room(top)
-        converted: list[float] = []
-        remaining = iter(addresses)
-        for argument in arguments:
-            if isinstance(argument, np.ndarray):
-                address = next(remaining)
-                ctypes.memmove(self._start() + address, argument.ctypes.data, argument.nbytes)
-                converted.append(address)
             else:
                 converted.append(argument)
+        self._make_room(top)
+        for array, address in placed:
+            ctypes.memmove(self._start() + address, array.ctypes.data, array.nbytes)
         answer = self._exports[f"{self._name}_{function}"](self._store, *converted)
-        arrays = [argument for argument in arguments if isinstance(argument, np.ndarray)]
-        for array, address in zip(arrays, addresses, strict=True):
+        for array, address in placed:
             ctypes.memmove(array.ctypes.data, self._start() + address, array.nbytes)
         return answer
 
