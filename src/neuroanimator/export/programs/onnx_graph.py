@@ -290,24 +290,6 @@ def _angle(writer: _Writer, operation: Operation, y: str, x: str) -> str:
     return writer.node("Where", is_behind, writer.node("Sub", straight_back, angle), angle)
 
 
-def _chosen_by_truth(
-    writer: _Writer, operation: Operation, which: str, if_false: str, if_true: str
-) -> str:
-    return writer.node("Where", writer.truth(which), if_true, if_false)
-
-
-def _clamped(writer: _Writer, operation: Operation, low: str, x: str, high: str) -> str:
-    return writer.node("Min", writer.node("Max", x, low), high)
-
-
-def _differ(writer: _Writer, operation: Operation, left: str, right: str) -> str:
-    return writer.node("Cast", writer.node("Not", writer.node("Equal", left, right)), to=FLOAT)
-
-
-def _inverse_root(writer: _Writer, operation: Operation, x: str) -> str:
-    return writer.node("Reciprocal", writer.node("Sqrt", x))
-
-
 def _power(writer: _Writer, operation: Operation, x: str) -> str:
     exponent = operation.params["y"]
     product = x
@@ -318,18 +300,18 @@ def _power(writer: _Writer, operation: Operation, x: str) -> str:
     return product
 
 
-def _square(writer: _Writer, operation: Operation, x: str) -> str:
-    return writer.node("Mul", x, x)
-
-
 COMPOSED: dict[str, Callable[..., str]] = {
     "atan2": _angle,
-    "clamp": _clamped,
+    "clamp": lambda writer, _, low, x, high: writer.node("Min", writer.node("Max", x, low), high),
     "integer_pow": _power,
-    "ne": _differ,
-    "rsqrt": _inverse_root,
-    "select_n": _chosen_by_truth,
-    "square": _square,
+    "ne": lambda writer, _, left, right: writer.node(
+        "Cast", writer.node("Not", writer.node("Equal", left, right)), to=FLOAT
+    ),
+    "rsqrt": lambda writer, _, x: writer.node("Reciprocal", writer.node("Sqrt", x)),
+    "select_n": lambda writer, _, which, if_false, if_true: writer.node(
+        "Where", writer.truth(which), if_true, if_false
+    ),
+    "square": lambda writer, _, x: writer.node("Mul", x, x),
 }
 """Functions that write operations which need several operators, or other inputs."""
 
