@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,22 +32,14 @@ def placed(
     for space in spaces:
         if space in program.sizes:
             starts = program.block_starts(space)
-            lives = _lives(space, starts, operations, inputs, outputs)
+            written, read = _lives(space, starts, operations, inputs, outputs)
             lengths = np.diff(np.append(starts, program.sizes[space]))
-            places, sizes[space] = _places(lives, lengths)
+            places, sizes[space] = _places(written, read, lengths)
             offsets = np.arange(program.sizes[space]) - np.repeat(starts, lengths)
             moved[space] = space * SPACE + np.repeat(places, lengths) + offsets
     part = Program(program.constants, list(inputs), list(outputs), list(operations), sizes)
     part.rename(moved)
     return part
-
-
-@dataclass
-class _Lives:
-    """For each value of a space the first operation that writes it and the last that reads it; -1 is before all."""
-
-    first: np.ndarray
-    last: np.ndarray
 
 
 def _lives(
@@ -57,33 +48,36 @@ def _lives(
     operations: Sequence[Operation],
     inputs: Sequence[Addresses],
     outputs: Sequence[Addresses],
-) -> _Lives:
-    lives = _Lives(np.full(len(starts), ALWAYS), np.full(len(starts), -1))
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return, for each value of a space, the first operation that writes it and the last that reads it; -1 is before all."""
+    first = np.full(len(starts), ALWAYS)
+    last = np.full(len(starts), -1)
 
     def values_at(addresses: Addresses) -> np.ndarray:
         inside = addresses[(addresses >= 0) & (spaces_of(addresses) == space)] % SPACE
         return np.searchsorted(starts, inside, side="right") - 1
 
     for addresses in inputs:
-        lives.first[values_at(addresses)] = -1
+        first[values_at(addresses)] = -1
     for number, operation in enumerate(operations):
         touched = [addresses.ravel() for addresses in (operation.output, *operation.inputs)]
         if operation.space == space:
             written = values_at(operation.output)
-            lives.first[written] = np.minimum(lives.first[written], number)
-        lives.last[values_at(np.concatenate(touched))] = number
+            first[written] = np.minimum(first[written], number)
+        last[values_at(np.concatenate(touched))] = number
     for addresses in outputs:
-        lives.last[values_at(addresses)] = ALWAYS
-    return lives
+        last[values_at(addresses)] = ALWAYS
+    return first, last
 
 
-def _places(lives: _Lives, lengths: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return where each value begins, in the lowest gap that is free during its life, and the total size."""
+def _places(written: np.ndarray, read: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return where each value begins, in the lowest gap that is free from when it is `written` to when it was last `read`,
+    and the total size."""
     places = np.zeros(len(lengths), int)
     size = 0
     living: list[tuple[int, int, int]] = []  # begin, end and last reader of each value, in order
-    for value in np.argsort(lives.first, kind="stable").tolist():
-        first = int(lives.first[value])
+    for value in np.argsort(written, kind="stable").tolist():
+        first = int(written[value])
         if first == ALWAYS:
             break  # nothing writes it
         living = [one for one in living if one[2] >= first]
@@ -93,7 +87,7 @@ def _places(lives: _Lives, lengths: np.ndarray) -> tuple[np.ndarray, int]:
             if begin - place >= length:
                 break
             place = end
-        insort(living, (place, place + length, int(lives.last[value])))
+        insort(living, (place, place + length, int(read[value])))
         places[value] = place
         size = max(size, place + length)
     return places, size
