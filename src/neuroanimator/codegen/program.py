@@ -9,7 +9,7 @@ is *wide* if it has sixteen lanes, one for each of sixteen motions or cotangents
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any
@@ -242,25 +242,23 @@ class Program:
 
     def needed_by(self, outputs: list[Addresses]) -> list[Operation]:
         """Return the operations that `outputs` depend on."""
-        return list(reversed(list(self._needed_by(outputs))))
+        numbering = Numbering(self.sizes)
+        is_needed = np.zeros(numbering.count, bool)
+        for output in outputs:
+            is_needed[numbering.of(output)] = True
+        needed = []
+        for operation in reversed(self.operations):
+            if is_needed[numbering.of(operation.output)].any():
+                for addresses in operation.inputs:
+                    is_needed[numbering.of(addresses)] = True
+                needed.append(operation)
+        return needed[::-1]
 
     def read(self) -> list[np.ndarray]:
         """Return, for each input and in its shape, which of its entries operations or outputs read."""
         read = [addresses for operation in self.operations for addresses in operation.inputs]
         addresses = np.concatenate([some.ravel() for some in [*read, *self.outputs]])
         return [np.isin(entries, addresses) for entries in self.inputs]
-
-    def _needed_by(self, outputs: list[Addresses]) -> Iterator[Operation]:
-        """Yield the operations that `outputs` depend on, the last one first."""
-        numbering = Numbering(self.sizes)
-        is_needed = np.zeros(numbering.count, bool)
-        for output in outputs:
-            is_needed[numbering.of(output)] = True
-        for operation in reversed(self.operations):
-            if is_needed[numbering.of(operation.output)].any():
-                for addresses in operation.inputs:
-                    is_needed[numbering.of(addresses)] = True
-                yield operation
 
     def keep_tape(self) -> None:
         """Move early values that late operations or outputs read to consecutive addresses on the tape."""
