@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from neuroanimator.codegen.trace import (
     LOOPS_AND_BRANCHES,
     UnsupportedError,
+    bound,
     evaluated,
     nested_jaxpr,
 )
@@ -101,10 +102,7 @@ def _equation(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
     inner = nested_jaxpr(eqn)
     if isinstance(inner, jaxprs.ClosedJaxpr) and name not in LOOPS_AND_BRANCHES:
         return _written_out(inner, inputs)
-    results = eqn.primitive.bind(*inputs, **eqn.params)
-    if eqn.primitive.multiple_results:
-        return list(results)
-    return [results]
+    return bound(eqn, inputs)
 
 
 def _eigenvectors(matrix: Float[Array, "N N"]) -> Float[Array, "N N"]:

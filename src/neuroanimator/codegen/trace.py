@@ -153,22 +153,21 @@ class _Tracer:
         }
 
     def run(self, closed: jaxprs.ClosedJaxpr, weights: list[_Known]) -> None:
-        constants = [_Known(constant_array(constant), False) for constant in closed.consts]
-        outputs = self._jaxpr(closed.jaxpr, constants, [*weights, *self.program.inputs])
+        outputs = self._outputs(closed, [*weights, *self.program.inputs])
         self.program.outputs = [self._addresses(output) for output in outputs]
 
-    def _jaxpr(self, jaxpr: jaxprs.Jaxpr, constants: list[Any], inputs: list[Any]) -> list[Any]:
+    def _outputs(self, jaxpr: jaxprs.ClosedJaxpr | jaxprs.Jaxpr, inputs: list[Any]) -> list[Any]:
         """Return the outputs; values are Addresses or _Known."""
-        return evaluated(jaxpr, [*constants, *inputs], _Known.literal, self._equation)
+        if isinstance(jaxpr, jaxprs.ClosedJaxpr):
+            constants = [_Known(constant_array(constant), False) for constant in jaxpr.consts]
+            return self._outputs(jaxpr.jaxpr, [*constants, *inputs])
+        return evaluated(jaxpr, inputs, _Known.literal, self._equation)
 
     def _equation(self, eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
         name = eqn.primitive.name
         inner = nested_jaxpr(eqn)
         if inner is not None and name not in LOOPS_AND_BRANCHES:
-            if isinstance(inner, jaxprs.ClosedJaxpr):
-                constants = [_Known(constant_array(constant), False) for constant in inner.consts]
-                return self._jaxpr(inner.jaxpr, constants, inputs)
-            return self._jaxpr(inner, [], inputs)
+            return self._outputs(inner, inputs)
         if all(isinstance(operand, _Known) for operand in inputs):
             is_literal = all(operand.is_literal for operand in inputs)
             numbers = [operand.numbers for operand in inputs]
@@ -438,7 +437,12 @@ EXACT: dict[str, Callable[..., np.ndarray]] = {
 def _bind(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
     """Return the results of an operation on `inputs`, executed now."""
     # `jnp.asarray` would compile a program for every shape.
-    results = eqn.primitive.bind(*jax.device_put(inputs), **eqn.params)
+    return bound(eqn, jax.device_put(inputs))
+
+
+def bound(eqn: jaxprs.JaxprEqn, inputs: list[Any]) -> list[Any]:
+    """Return the results of an operation on JAX arrays."""
+    results = eqn.primitive.bind(*inputs, **eqn.params)
     if eqn.primitive.multiple_results:
         return list(results)
     return [results]
