@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -426,18 +427,18 @@ class Writer:
         if not _is_a_run(row):
             vector = self.program.room_for_result(row.shape, (row, sums))
             yield from self.copied(row, vector)
-        if is_any_wide(vector):
-            yield from self._weighted_lanes(vector, weights, sums)
-            return
         total = self._aligned(sums)
-        panels, tail = self._panels(weights)
-        for panel in panels:
-            yield from self._summed(int(vector[0]), panel, int(total[0]) + panel.first)
-        for last in tail:
-            # The last few columns are summed one by one: they would leave most of a register empty.
-            column = -int(self._laid_out(weights[:, last])[0]) - 1
-            x = f"{_name(int(vector[0]))}]"
-            yield f"{_name(int(total[last]))}] = na_dot({len(vector)}, &{x}, k + {column});"
+        if is_any_wide(vector):
+            yield from self._weighted_lanes(vector, weights, total)
+        else:
+            panels, tail = self._panels(weights)
+            for panel in panels:
+                yield from self._summed(int(vector[0]), panel, int(total[0]) + panel.first)
+            for last in tail:
+                # The last few columns are summed one by one: they would leave most of a register empty.
+                column = -int(self._laid_out(weights[:, last])[0]) - 1
+                x = f"{_name(int(vector[0]))}]"
+                yield f"{_name(int(total[last]))}] = na_dot({len(vector)}, &{x}, k + {column});"
         if total is not sums:
             yield from self.copied(total, sums)
 
@@ -503,10 +504,9 @@ class Writer:
         return self.program.room_for_result(sums.shape, (sums,))
 
     def _weighted_lanes(
-        self, vector: Addresses, weights: np.ndarray, sums: Addresses
+        self, vector: Addresses, weights: np.ndarray, total: Addresses
     ) -> Iterator[str]:
         """Yield the product for all lanes: each weight is read once for all sixteen, as often as for one motion."""
-        total = self._aligned(sums)
         panels, tail = self._panels(weights)
         if tail:
             panels.append(self._panel(weights, tail))
@@ -515,8 +515,6 @@ class Writer:
             y = _register(int(total[0]) + panel.first)
             sizes = f"{panel.columns}, {panel.rows}, {panel.stride}"
             yield f"na_lane_products({sizes}, k + {panel.base}, {x}, {y});"
-        if total is not sums:
-            yield from self.copied(total, sums)
 
 
 def are_weights(program: Program, addresses: Addresses) -> bool:
@@ -567,22 +565,14 @@ OUTSIDE = len(SPACES)
 
 def fused(lines: Iterable[str]) -> Iterator[str]:
     """Yield `lines`, with consecutive statements over lanes fused into one loop: lanes are independent."""
-    together: list[str] = []
-    for line in lines:
-        is_alike = line.startswith(EACH_LANE)
-        if together and (not is_alike or len(together) == STATEMENTS_PER_LOOP):
+    for is_alike, group in groupby(lines, lambda line: line.startswith(EACH_LANE)):
+        if not is_alike:
+            yield from group
+            continue
+        while together := list(islice(group, STATEMENTS_PER_LOOP)):
             yield f"{EACH_LANE}{{"
-            yield from together
+            yield from (line.removeprefix(EACH_LANE) for line in together)
             yield "}"
-            together = []
-        if is_alike:
-            together.append(line.removeprefix(EACH_LANE))
-        else:
-            yield line
-    if together:
-        yield f"{EACH_LANE}{{"
-        yield from together
-        yield "}"
 
 
 def is_any_wide(addresses: Addresses) -> bool:
