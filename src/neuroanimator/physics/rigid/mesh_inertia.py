@@ -45,15 +45,13 @@ def warnings_here(request: ModelRequest) -> list[str]:
         other = _compiled_otherwise(spec, doubted)
     if other is None or other.nbody != own.nbody:
         return []
-    fix = "Give its link an <inertial>" if request.documents.is_urdf else ""
     warnings = []
     for mesh in doubted:
         found = _difference(own, other, mesh.name)
         mode = NAMES[mesh.inertia]
-        if found and request.documents.is_urdf:
+        fix = f'Write inertia="{mode}" into that <mesh>, or an <inertial> into the body'
+        if request.documents.is_urdf:
             fix = "Give its link an <inertial>"
-        else:
-            fix = f'Write inertia="{mode}" into that <mesh>, or an <inertial> into the body'
         if found:
             warnings.append(f"mesh {quoted(mesh.name)}: {found.format(mode=mode)}. {fix}.")
     return warnings
