@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from neuroanimator.appearance.skeleton import Bone, Shape, Skeleton
 from neuroanimator.files.names import model_name
+from neuroanimator.physics.rigid.rows import rows_at
 from neuroanimator.physics.rigid.skins import skin_of
 from neuroanimator.physics.rigid.visuals import colour_of, is_shown
 from neuroanimator.state.links import Joint
@@ -52,8 +53,7 @@ def joint_kind(model: mujoco.MjModel, joint: int) -> str:
 
 def joints_of_body(model: mujoco.MjModel, body: int) -> range:
     """Return the numbers of the joints that connect a body to its parent."""
-    first = int(model.body_jntadr[body])
-    return range(first, first + int(model.body_jntnum[body]))
+    return range(model.njnt)[rows_at(model.body_jntadr[body], model.body_jntnum[body])]
 
 
 def _bone(model: mujoco.MjModel, body: int, first: int) -> Bone:
@@ -84,12 +84,8 @@ def _joint(model: mujoco.MjModel, joint: int) -> Joint:
 
 
 def _shapes(model: mujoco.MjModel, body: int) -> tuple[Shape, ...]:
-    first = int(model.body_geomadr[body])
-    shapes: list[Shape] = []
-    for geom in range(first, first + int(model.body_geomnum[body])):
-        if is_drawn(model, geom):
-            shapes.append(shape_of_geom(model, geom))
-    return tuple(shapes)
+    geoms = range(model.ngeom)[rows_at(model.body_geomadr[body], model.body_geomnum[body])]
+    return tuple(shape_of_geom(model, geom) for geom in geoms if is_drawn(model, geom))
 
 
 def is_drawn(model: mujoco.MjModel, geom: int) -> bool:

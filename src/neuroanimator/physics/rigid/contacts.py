@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from neuroanimator.appearance.skeleton import Bone, kinematics_of
 from neuroanimator.physics.rigid.joints import JointView
+from neuroanimator.physics.rigid.rows import rows_at
 from neuroanimator.physics.rigid.touching import is_limited, touching_geoms
 from neuroanimator.state.contacts import (
     MAX_PLANES,
@@ -90,42 +91,33 @@ def _planes(model: mujoco.MjModel) -> list[Plane]:
     for geom in _fixed_planes(model):
         normal = data.geom_xmat[geom].reshape(3, 3)[:, 2]
         offset = float(normal @ data.geom_xpos[geom])
-        x, y, z = (float(number) for number in normal)
-        planes.append(Plane(x, y, z, offset))
+        planes.append(Plane(*normal.tolist(), offset=offset))
     return planes[:MAX_PLANES]
 
 
 def _fixed_planes(model: mujoco.MjModel) -> list[int]:
     geoms = np.unique(touching_geoms(model))
-    return [geom for geom in geoms.tolist() if _is_fixed_plane(model, geom)]
-
-
-def _is_fixed_plane(model: mujoco.MjModel, geom: int) -> bool:
-    is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
-    return bool(is_plane and model.body_weldid[model.geom_bodyid[geom]] == 0)
+    is_plane = model.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_PLANE
+    is_fixed = model.body_weldid[model.geom_bodyid[geoms]] == 0
+    return geoms[is_plane & is_fixed].tolist()
 
 
 def _points(model: mujoco.MjModel, first_body: int) -> list[ContactPoint]:
     """Return the points of all geoms that can touch a fixed plane; `first_body` is the body that is link 0."""
     planes = _fixed_planes(model)
     points = []
-    for pair in touching_geoms(model):
-        if not {*pair.tolist()} & {*planes}:
+    for pair in touching_geoms(model).tolist():
+        if not {*pair} & {*planes}:
             continue
-        [geom] = [int(geom) for geom in pair if geom not in planes]
+        [geom] = [geom for geom in pair if geom not in planes]
         body = int(model.geom_bodyid[geom])
         rotation = np.empty(9)
         mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
-        for centre, radius in _balls(model, geom):
-            x, y, z = model.geom_pos[geom] + rotation.reshape(3, 3) @ centre
-            points.append(ContactPoint(body - first_body, float(x), float(y), float(z), radius))
+        of_type = BALLS.get(int(model.geom_type[geom]), _corners)
+        for centre, radius in of_type(model, geom):
+            place = model.geom_pos[geom] + rotation.reshape(3, 3) @ centre
+            points.append(ContactPoint(body - first_body, *place.tolist(), radius=radius))
     return points
-
-
-def _balls(model: mujoco.MjModel, geom: int) -> Balls:
-    """Return balls at the places where a geom would touch a plane."""
-    of_type = BALLS.get(int(model.geom_type[geom]), _corners)
-    return of_type(model, geom)
 
 
 def _sphere(model: mujoco.MjModel, geom: int) -> Balls:
@@ -153,8 +145,8 @@ def _ellipsoid(model: mujoco.MjModel, geom: int) -> Balls:
 def _mesh(model: mujoco.MjModel, geom: int) -> Balls:
     """Return the mesh's outermost vertices towards the corners of a cube, and along its axes."""
     mesh = int(model.geom_dataid[geom])
-    first = int(model.mesh_vertadr[mesh])
-    vertices = np.array(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], float)
+    rows = rows_at(model.mesh_vertadr[mesh], model.mesh_vertnum[mesh])
+    vertices = np.array(model.mesh_vert[rows], float)
     directions = np.array(list(product((-1, 0, 1), repeat=3)), float)
     outermost = np.unique(np.argmax(vertices @ directions.T, axis=0))
     return [(vertices[vertex], 0.0) for vertex in outermost]
@@ -182,7 +174,7 @@ def _stops(model: mujoco.MjModel, views: list[JointView]) -> list[JointStop]:
     for view in views:
         is_seen = view.kind in ("hinge", "slide") and view.feature not in PLACELESS
         if is_seen and is_limited(model, view.index):
-            low, high = (float(end) for end in model.jnt_range[view.index])
+            low, high = model.jnt_range[view.index].tolist()
             stops.append(JointStop(view.position_entry, low, high))
     return stops
 
@@ -222,14 +214,14 @@ def _without_what_never_moves(contacts: Contacts, poses: Float[np.ndarray, "N S"
         return replace(contacts, planes=())
     way = contacts.centres(contacts.coasted(poses, 1.0)) - contacts.centres(poses)
     axes = np.flatnonzero(np.abs(way).max(axis=(0, 2)) > MIN_MOVED)
-    return replace(contacts, axes=tuple(int(axis) for axis in axes))
+    return replace(contacts, axes=tuple(axes.tolist()))
 
 
 def _distinct(
     contacts: Contacts, centres: Float[np.ndarray, "N 3 P"], moves: Bool[np.ndarray, " P"]
 ) -> list[int]:
     """Return the points that move and do not always coincide with another, the outermost first."""
-    left = [int(point) for point in np.flatnonzero(moves)]
+    left = np.flatnonzero(moves).tolist()
     kept: list[int] = []
     while left and len(kept) < MAX_POINTS:
         farthest = max(left, key=lambda point: _distance(centres, point, kept))

@@ -20,6 +20,7 @@ from jaxtyping import Float
 from neuroanimator.definitions.parts import ParameterTable
 from neuroanimator.errors import ArgumentError
 from neuroanimator.files.names import check_known, model_name
+from neuroanimator.physics.rigid.rows import rows_at
 from neuroanimator.physics.state_parts import parameter_from_table
 from neuroanimator.state.parameters import (
     Parameter,
@@ -29,16 +30,6 @@ from neuroanimator.text import listed, quoted
 
 OPTION = "option"
 """The only element without a name: gravity, wind, and the medium."""
-
-OBJECTS = {
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
-    "pair": mujoco.mjtObj.mjOBJ_PAIR,
-}
-"""MuJoCo's object types of named elements."""
 
 COUNTS = {
     "body": "nbody",
@@ -144,14 +135,12 @@ def _field(
 
 def _freedoms(model: mujoco.MjModel, joint: int) -> slice:
     """Return the degrees of freedom of a joint."""
-    first = int(model.jnt_dofadr[joint])
-    return slice(first, first + int(np.count_nonzero(model.dof_jntid == joint)))
+    return rows_at(model.jnt_dofadr[joint], np.count_nonzero(model.dof_jntid == joint))
 
 
 def _forces(model: mujoco.MjModel, actuator: int) -> slice:
     """Return the forces of an actuator."""
-    first = int(model.actuator_outadr[actuator])
-    return slice(first, first + int(model.actuator_outnum[actuator]))
+    return rows_at(model.actuator_outadr[actuator], model.actuator_outnum[actuator])
 
 
 def _of_option(field: str, unit: str, count: int, least: float = -np.inf) -> Attribute:
@@ -417,7 +406,7 @@ def _find_elements(
     if element == OPTION:
         return (0,)
     names = [
-        model_name(mujoco.mj_id2name(model, OBJECTS[element], i) or "", f"{element}_{i}")
+        model_name(getattr(model, element)(i).name, f"{element}_{i}")
         for i in range(getattr(model, COUNTS[element]))
     ]
     if name is None and names and element != "body":  # the world is a body, too

@@ -28,6 +28,7 @@ from neuroanimator.physics.rigid.joints import (
 from neuroanimator.physics.rigid.limbs import groups_of
 from neuroanimator.physics.rigid.model_parameters import Family
 from neuroanimator.physics.rigid.mujoco_system import MujocoSystem
+from neuroanimator.physics.rigid.rows import rows_at
 from neuroanimator.physics.rigid.symmetries import symmetries_of
 from neuroanimator.physics.rigid.warnings import warnings_counted
 from neuroanimator.physics.schemes import schemes_of
@@ -373,8 +374,8 @@ def sensor_entries(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, 
     """Return the entries of MuJoCo's sensor data of the sensors called `names`."""
     entries: list[int] = []
     for sensor in sensor_numbers(model, names):
-        first = int(model.sensor_adr[sensor])
-        entries += range(first, first + int(model.sensor_dim[sensor]))
+        rows = rows_at(model.sensor_adr[sensor], model.sensor_dim[sensor])
+        entries += range(model.nsensordata)[rows]
     return tuple(entries)
 
 

@@ -19,6 +19,7 @@ from neuroanimator.appearance.mesh_skin import (
 )
 from neuroanimator.appearance.part_names import unique
 from neuroanimator.files.names import model_name
+from neuroanimator.physics.rigid.rows import rows_at
 from neuroanimator.physics.rigid.visuals import colour_of, is_shown
 
 SAME_POSE = 1e-5
@@ -35,8 +36,8 @@ def skin_of(model: mujoco.MjModel, first: int) -> MeshSkin | None:
     for number in range(model.nskin):
         if is_shown(int(model.skin_group[number]), model.skin_rgba[number]):
             drawn.append(number)
-    vertices = sum(int(model.skin_vertnum[number]) for number in drawn)
-    triangles = sum(int(model.skin_facenum[number]) for number in drawn)
+    vertices = model.skin_vertnum[drawn].sum()
+    triangles = model.skin_facenum[drawn].sum()
     if not drawn or vertices > MAX_VERTICES or triangles > MAX_TRIANGLES or len(drawn) > MAX_PARTS:
         return None
     bones: dict[int, BoundBone] = {}
@@ -74,23 +75,18 @@ def _part(model: mujoco.MjModel, number: int, taken: list[str]) -> SkinPart:
 
 def _bone_range(model: mujoco.MjModel, number: int) -> range:
     """Return the numbers of a skin's bones among those of all skins."""
-    start = int(model.skin_boneadr[number])
-    return range(start, start + int(model.skin_bonenum[number]))
+    return range(model.nskinbone)[rows_at(model.skin_boneadr[number], model.skin_bonenum[number])]
 
 
 def _bones(model: mujoco.MjModel, number: int, first: int) -> list[BoundBone]:
-    bones = []
-    for bone in _bone_range(model, number):
-        position = model.skin_bonebindpos[bone].astype(float)
-        orientation = model.skin_bonebindquat[bone].astype(float)
-        bones.append(
-            BoundBone(
-                number=int(model.skin_bonebodyid[bone]) - first,
-                position=tuple(position.tolist()),
-                orientation=tuple(orientation.tolist()),
-            )
+    return [
+        BoundBone(
+            number=int(model.skin_bonebodyid[bone]) - first,
+            position=tuple(model.skin_bonebindpos[bone].tolist()),
+            orientation=tuple(model.skin_bonebindquat[bone].tolist()),
         )
-    return bones
+        for bone in _bone_range(model, number)
+    ]
 
 
 def _is_same(one: BoundBone, other: BoundBone) -> bool:
@@ -100,16 +96,14 @@ def _is_same(one: BoundBone, other: BoundBone) -> bool:
 
 def _arrays(model: mujoco.MjModel, number: int, first: int) -> SkinArrays:
     """Return one skin's arrays, without vertices that are not drawn."""
-    start = int(model.skin_vertadr[number])
-    vertices = model.skin_vert[start : start + int(model.skin_vertnum[number])].astype(float)
-    start = int(model.skin_faceadr[number])
-    faces = model.skin_face[start : start + int(model.skin_facenum[number])]
+    rows = rows_at(model.skin_vertadr[number], model.skin_vertnum[number])
+    vertices = model.skin_vert[rows].astype(float)
+    faces = model.skin_face[rows_at(model.skin_faceadr[number], model.skin_facenum[number])]
     used, triangles = np.unique(faces, return_inverse=True)
     shares = np.zeros((len(vertices), int(model.skin_bonenum[number])))
     bodies = []
     for column, bone in enumerate(_bone_range(model, number)):
-        start = int(model.skin_bonevertadr[bone])
-        rows = slice(start, start + int(model.skin_bonevertnum[bone]))
+        rows = rows_at(model.skin_bonevertadr[bone], model.skin_bonevertnum[bone])
         shares[model.skin_bonevertid[rows], column] += model.skin_bonevertweight[rows]
         bodies.append(int(model.skin_bonebodyid[bone]) - first)
     bones, weights = _most(shares[used], np.array(bodies))

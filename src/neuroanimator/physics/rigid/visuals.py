@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from neuroanimator.physics.rigid.rows import rows_at
+
 DRAWN_GROUPS = 3
 """Number of groups of geoms and skins that are drawn, from 0, as in MuJoCo's own viewer; others are for contact only."""
 
@@ -35,8 +37,8 @@ def _mean_texel(model: mujoco.MjModel, texture: int) -> Float[np.ndarray, " 3"]:
     """Return the mean colour of a texture, 0 to 1; with fewer than three channels the mean grey."""
     channels = int(model.tex_nchannel[texture])
     size = int(model.tex_height[texture]) * int(model.tex_width[texture])
-    first = int(model.tex_adr[texture])
-    texels = np.asarray(model.tex_data[first : first + size * channels]).reshape(size, channels)
+    rows = rows_at(model.tex_adr[texture], size * channels)
+    texels = np.asarray(model.tex_data[rows]).reshape(size, channels)
     mean = texels.mean(axis=0) / 255
     if channels < 3:
         return np.repeat(mean[:1], 3)
