@@ -128,10 +128,10 @@ def find_departures(emulator: Emulator, steps: int = STEPS) -> list[Departure]:
     return sorted(worst.values(), key=lambda departure: -departure.excess)
 
 
-def departures_in_words(departures: Sequence[Departure], steps: int = STEPS) -> str:
-    """Return the worst of the `departures` found in `steps` super steps as half a sentence, or that there are none."""
+def departures_in_words(departures: Sequence[Departure]) -> str:
+    """Return the worst of the `departures` found in `STEPS` super steps as half a sentence, or that there are none."""
     if not departures:
-        return f"for {steps:,} super steps at the controls' bounds, and at rest, it stays within training"
+        return f"for {STEPS:,} super steps at the controls' bounds, and at rest, it stays within training"
     told = str(departures[0])
     if len(departures) > 1:
         told += f", and so do {len(departures) - 1} more numbers"
