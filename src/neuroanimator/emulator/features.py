@@ -92,18 +92,17 @@ class Features(eqx.Module):
 
         Without a mirror symmetry everything is odd, and the even part is empty.
         """
+        odd, even = self._parted(plain)
         if not self.angles.shape[0]:
-            if self.is_odd:
-                return self._parted(plain)
-            return plain, plain[:0]
-        angle = self.angles @ state
-        sine, cosine = sine_cosine(angle)
+            return odd, even
+        sine, cosine = sine_cosine(self.angles @ state)
         if self.is_odd:
-            odd, even = self._parted(plain)
             return jnp.concatenate([sine, odd]), jnp.concatenate([cosine, even])
-        return jnp.concatenate([sine, cosine, plain]), plain[:0]
+        return jnp.concatenate([sine, cosine, odd]), even
 
     def _parted(self, plain: Float[Array, " K"]) -> tuple[Float[Array, " O"], Float[Array, " E"]]:
+        if not self.is_odd:
+            return plain, plain[:0]
         odd = tuple(i for i in range(plain.shape[0]) if i not in self.even)
         ordered = plain
         if self.even:
