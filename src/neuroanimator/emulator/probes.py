@@ -128,7 +128,8 @@ class Probes:
                 raise WrongProgramError(f"Generated C disagrees with {self.name} in JAX.")
 
 
-def _probes_of(emulator: SuperStep) -> Probes:
+@Remembered
+def _probes(emulator: SuperStep) -> Probes:
     """Return the probes of a super step and its trust score: states of random motions, some far outside of training."""
     rng = np.random.default_rng(0)
     shape = (MOTIONS, STEPS, emulator.control.size)
@@ -144,9 +145,6 @@ def _probes_of(emulator: SuperStep) -> Probes:
     inputs = [states[is_usual], as_rows(held)[is_usual]]
     return Probes.of("the emulator", step_trusted, emulator, inputs)
 
-
-_probes = Remembered(_probes_of)
-"""Probes of each emulator, which several programs are checked with."""
 
 _one_at_a_time = threading.Lock()
 """Lock for computing probes: JAX on a CPU was seen to deadlock when two threads did, and one result serves both."""
