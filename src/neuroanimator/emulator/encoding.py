@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -54,15 +54,13 @@ class Encoding(eqx.Module):
     def control_partners(self) -> tuple[int, ...]:
         """Partner of each control in the body's mirror; empty without one."""
 
+    keeps_entries: ClassVar[bool]
+    """Whether latent numbers are entries of the state, in their order, but for mixtures of activations."""
+
     @property
     def is_identity(self) -> bool:
         """Whether the latent state is the state itself."""
         return self.keeps_entries and not self.is_mirrored
-
-    @property
-    @abc.abstractmethod
-    def keeps_entries(self) -> bool:
-        """Whether latent numbers are entries of the state, in their order, but for mixtures of activations."""
 
     @property
     def odd_controls(self) -> int:
@@ -75,14 +73,14 @@ class Encoding(eqx.Module):
         """Whether latent numbers are sorted into those that change sign in the body's mirror and those that do not."""
 
     @property
-    @abc.abstractmethod
     def max_speed(self) -> float:
         """Maximum speed of the body that `bounded` allows [m/s]; infinite without a limit."""
+        return math.inf
 
     @property
-    @abc.abstractmethod
     def max_angular_speed(self) -> float:
         """Maximum angular speed of the body that `bounded` allows [rad/s]; infinite without a limit."""
+        return math.inf
 
     @abc.abstractmethod
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B I"]:
@@ -139,7 +137,6 @@ class Encoding(eqx.Module):
     def state_structure(self, latent_segments: tuple[Segment, ...]) -> Structure:
         """Return the structure of states (S,) that poses need, given the segments of latent states."""
 
-    @abc.abstractmethod
     def check(self) -> None:
         """Refuse arrays that make every prediction NaN; ValueError names them."""
 
@@ -156,6 +153,8 @@ def odd_local(body: Structure) -> tuple[bool, ...]:
 
 class StateEncoding(Encoding):
     """The latent state is the state itself, but for muscles with a mirror: differences of left and right, then sums."""
+
+    keeps_entries = True
 
     state: Layout = eqx.field(static=True)
     """Named parts of a state (S,)."""
@@ -181,20 +180,8 @@ class StateEncoding(Encoding):
         return self.partners
 
     @property
-    def keeps_entries(self) -> bool:
-        return True
-
-    @property
     def is_mirrored(self) -> bool:
         return bool(self.partners)
-
-    @property
-    def max_speed(self) -> float:
-        return math.inf
-
-    @property
-    def max_angular_speed(self) -> float:
-        return math.inf
 
     def encode(self, state: Float[AnyArray, "*B S"]) -> Float[AnyArray, "*B S"]:
         return self._with_muscles(state, self.encode_control)
@@ -240,9 +227,6 @@ class StateEncoding(Encoding):
 
     def state_structure(self, latent_segments: tuple[Segment, ...]) -> Structure:
         return Structure((), (), (), segments=latent_segments)
-
-    def check(self) -> None:
-        return None
 
     def to_json(self) -> dict[str, Any] | None:
         return {PARTNERS: list(self.partners)} if self.partners else None

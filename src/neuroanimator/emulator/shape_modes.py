@@ -61,6 +61,8 @@ class ShapeModes(Encoding):
     its parameters, so that modes are deformations of any of its bodies.
     """
 
+    keeps_entries = False
+
     positions: Float[AnyArray, "D Q"]
     """Orthonormal position modes: deviations of the shape (D = 3 N) from the mean one [m]."""
     velocities: Float[AnyArray, "D P"]
@@ -85,10 +87,6 @@ class ShapeModes(Encoding):
     """Time constant of the muscles [s]."""
 
     @property
-    def keeps_entries(self) -> bool:
-        return False
-
-    @property
     def count(self) -> int:
         """Number of modes, of positions and velocities together."""
         return self.positions.shape[1] + self.velocities.shape[1]
@@ -100,12 +98,13 @@ class ShapeModes(Encoding):
     @property
     def change_layout(self) -> Layout:
         """Named parts of a change of the latent state (V,), for `Frame.apply`."""
-        return _change_layout(self.count)
+        position, _, *velocities, modes = self.layout.slices[:5]
+        return Layout((position, Slice("frame.orientation", 3, "rad"), *velocities, modes))
 
     @property
     def feature_layout(self) -> Layout:
         """Named parts of the raw features that are unchanged latent entries; others follow."""
-        return _feature_layout(self.count, self.muscles, self.cloud.parameters)
+        return Layout(self.layout.slices[3:])
 
     @property
     def is_mirrored(self) -> bool:
@@ -350,31 +349,6 @@ def _latent_layout(modes: int, muscles: int, parameters: int) -> Layout:
             Slice("frame.position", 3, "m"),
             Slice("frame.orientation", 4, "quaternion"),
             Slice("frame.velocity", 3, "m/s"),
-            Slice("frame.angular_velocity", 3, "rad/s"),
-            Slice("modes", modes, "1"),
-            Slice("activations", muscles, "1"),
-            Slice("parameters", parameters, "1"),
-        )
-    )
-
-
-@cache
-def _change_layout(modes: int) -> Layout:
-    return Layout(
-        (
-            Slice("frame.position", 3, "m"),
-            Slice("frame.orientation", 3, "rad"),
-            Slice("frame.velocity", 3, "m/s"),
-            Slice("frame.angular_velocity", 3, "rad/s"),
-            Slice("modes", modes, "1"),
-        )
-    )
-
-
-@cache
-def _feature_layout(modes: int, muscles: int, parameters: int) -> Layout:
-    return Layout(
-        (
             Slice("frame.angular_velocity", 3, "rad/s"),
             Slice("modes", modes, "1"),
             Slice("activations", muscles, "1"),
