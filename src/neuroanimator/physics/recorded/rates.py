@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.errors import BadFileError
+from neuroanimator.physics.recorded.rotations import entries_in
 from neuroanimator.state.units import DEGREE, rate_unit
 
 Runs = Sequence[Float[np.ndarray, "_ S"]]
@@ -82,9 +83,8 @@ def refuse_degrees(file: str, columns: Sequence[tuple[str, str]], runs: Runs, st
     An angle jumps by the degrees of a whole turn, or one's changes are the other's integral, but for the degrees in a radian.
     Where both are in degrees, they agree with each other.
     """
-    angles = [entry for entry, (_, unit) in enumerate(columns) if unit == "rad"]
-    speeds = [entry for entry, (_, unit) in enumerate(columns) if unit == "rad/s"]
-    for angle in angles:
+    speeds = entries_in(columns, "rad/s")
+    for angle in entries_in(columns, "rad"):
         jumps = np.abs(changes_of([states[:, [angle]] for states in runs], 1))
         are_turns = np.abs(jumps - WHOLE_TURN) < WRAP_ERROR * WHOLE_TURN
         if are_turns.any() and np.median(jumps) < WRAP_ERROR * WHOLE_TURN:

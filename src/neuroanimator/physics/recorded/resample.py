@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from neuroanimator.physics.recorded.rotations import without_jumps
+from neuroanimator.physics.recorded.rotations import entries_in, without_jumps
 from neuroanimator.state.columns import Samples
 
 ROUNDING = 1e-6
@@ -53,7 +53,7 @@ def _even(
     times = samples.time[rows]
     count = int((times[-1] - times[0]) / step + ROUNDING) + 1
     grid = np.minimum(times[0] + step * np.arange(count), times[-1])
-    angles = [entry for entry, (_, unit) in enumerate(samples.state) if unit == "rad"]
+    angles = entries_in(samples.state, "rad")
     states = CubicSpline(times, without_jumps(samples.states[rows], angles))(grid)
     for place in rotations:
         states[:, place] /= np.linalg.norm(states[:, place], axis=1, keepdims=True)

@@ -20,6 +20,11 @@ MAX_LENGTH_ERROR = 0.05
 """Maximum deviation of a quaternion's length from 1: files round."""
 
 
+def entries_in(columns: Sequence[tuple[str, str]], unit: str) -> list[int]:
+    """Return the columns in this unit."""
+    return [entry for entry, (_, own) in enumerate(columns) if own == unit]
+
+
 def without_jumps(
     states: Float[np.ndarray, "N S"], angles: Sequence[int]
 ) -> Float[np.ndarray, "N S"]:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from neuroanimator.physics.recorded.rates import Runs, rate_entries
 from neuroanimator.physics.recorded.recording import Recording, read_recording
-from neuroanimator.physics.recorded.rotations import without_jumps
+from neuroanimator.physics.recorded.rotations import entries_in, without_jumps
 from neuroanimator.state.units import rate_unit
 
 WINDOW = 5
@@ -22,7 +22,7 @@ MEASURED = ("rad", "m")
 
 def unwrapped(recording: Recording) -> Runs:
     """Return each run's states, with angles unwrapped."""
-    angles = [entry for entry, (_, unit) in enumerate(recording.state) if unit == "rad"]
+    angles = entries_in(recording.state, "rad")
     return [without_jumps(states, angles) for states in recording.states]
 
 
