@@ -38,18 +38,6 @@ def shape_mesh(shape: Shape) -> ShapeMesh:
     return ShapeMesh(points, normals, mesh.triangles)
 
 
-def _capsule(size: Float[np.ndarray, " D"]) -> ShapeMesh:
-    return _rounded(np.full(3, size[0]), size[1])
-
-
-def _sphere(size: Float[np.ndarray, " D"]) -> ShapeMesh:
-    return _rounded(np.full(3, size[0]), 0.0)
-
-
-def _ellipsoid(size: Float[np.ndarray, " 3"]) -> ShapeMesh:
-    return _rounded(size, 0.0)
-
-
 def _rounded(axes: Float[np.ndarray, " 3"], half_length: float) -> ShapeMesh:
     """Return an ellipsoid of half axes `axes`, its halves moved apart along Z by `half_length` each way."""
     latitudes = np.linspace(-np.pi / 2, np.pi / 2, ALONG)[:, None, None]
@@ -117,9 +105,9 @@ def _fan() -> Int[np.ndarray, "M 3"]:
 
 
 MAKERS = {
-    "capsule": _capsule,
-    "sphere": _sphere,
-    "ellipsoid": _ellipsoid,
+    "capsule": lambda size: _rounded(np.full(3, size[0]), size[1]),
+    "sphere": lambda size: _rounded(np.full(3, size[0]), 0.0),
+    "ellipsoid": lambda size: _rounded(size, 0.0),
     "cylinder": _cylinder,
     "box": _box,
 }
