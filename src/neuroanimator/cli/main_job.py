@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from neuroanimator.animation.clip import make_clip
+from neuroanimator.cli.generate import generate_with_bar
 from neuroanimator.control.descent.options import DescentOptions
 from neuroanimator.control.synthesis.attempt import SearchOptions
 from neuroanimator.control.synthesis.summary import outcome_rows
@@ -24,7 +25,6 @@ from neuroanimator.film.control_report import control_html
 from neuroanimator.film.inline import film_html
 from neuroanimator.film.video import write_video
 from neuroanimator.learn.data.config import DatasetConfig
-from neuroanimator.learn.data.generate import generate
 from neuroanimator.learn.data.store import Transitions, read_transitions
 from neuroanimator.learn.evaluation.evaluate import Evaluation, evaluate
 from neuroanimator.learn.evaluation.report import training_html, write_report
@@ -104,8 +104,7 @@ def _timed(title: str, work: Any) -> tuple[Any, float]:
 
 def _generate(folder: Path) -> Transitions:
     config = DatasetConfig(system=SYSTEM, substeps=SUBSTEPS, count=TRANSITIONS, seed=0)
-    with progress_bar("shards", config.shards) as bar:
-        generate(config, folder, on_shard=bar.advance)
+    generate_with_bar(config, folder)
     return read_transitions(folder)
 
 
