@@ -7,7 +7,7 @@ sees its own part finely, and the upper network's answers about it and its neigh
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from typing import Any
 
@@ -44,43 +44,38 @@ ENTRY_KEYS = ("odd", "even", "answers", "hears")
 """Keys of a part in JSON."""
 
 
-@dataclass(frozen=True)
-class _Family:
-    """Inputs and answers of all parts of a hierarchy."""
+def _answers(part: Part, even: Entries) -> tuple[list[int], list[int]]:
+    """Return a part's odd and even answers; `even` lists the even ones of all parts."""
+    return [i for i in part.answers if i not in even], [i for i in part.answers if i in even]
 
-    parts: tuple[Part, ...]
-    """Parts, the upper one first."""
-    even: Entries
-    """Answers that are even in the mirror."""
 
-    def inputs(self, part: Part) -> tuple[list[int], list[int]]:
-        """Return a part's inputs: entries of the odd and the even stream, and -1, -2 ... for the upper answers it sees."""
-        odd, even = self.answers(self.parts[0])
-        heard_odd = [-1 - odd.index(i) for i in part.hears if i in odd]
-        heard_even = [-1 - even.index(i) for i in part.hears if i in even]
-        return [*part.odd, *heard_odd], [*part.even, *heard_even]
+def _inputs(part: Part, above: Part, even: Entries) -> tuple[list[int], list[int]]:
+    """Return a part's inputs: entries of the odd and the even stream, and -1, -2 ... for the answers it sees from `above`."""
+    odd_answers, even_answers = _answers(above, even)
+    heard_odd = [-1 - odd_answers.index(i) for i in part.hears if i in odd_answers]
+    heard_even = [-1 - even_answers.index(i) for i in part.hears if i in even_answers]
+    return [*part.odd, *heard_odd], [*part.even, *heard_even]
 
-    def answers(self, part: Part) -> tuple[list[int], list[int]]:
-        """Return a part's odd and even answers."""
-        odd = [i for i in part.answers if i not in self.even]
-        even = [i for i in part.answers if i in self.even]
-        return odd, even
 
-    def network(
-        self, parts: tuple[Part, ...], widths: tuple[int, ...], key: PRNGKeyArray | None
-    ) -> LinearGlu | Mirrored:
-        """Return a network large enough for each of `parts`; its odd answers come first."""
-        inputs = [self.inputs(part) for part in parts]
-        answers = [self.answers(part) for part in parts]
-        odd_in = max(len(odd) for odd, _ in inputs)
-        even_in = max(len(even) for _, even in inputs)
-        odd_out = max(len(odd) for odd, _ in answers)
-        even_out = max(len(even) for _, even in answers)
-        if not self.even:
-            return LinearGlu.of(NetworkShape(odd_in, even_in, odd_out, widths), key=key)
-        out = odd_out + even_out
-        even_last = tuple(range(odd_out, out))
-        return Mirrored.of(NetworkShape(odd_in, even_in, out, widths, even_last), key=key)
+def _network(
+    parts: tuple[Part, ...],
+    above: Part,
+    even: Entries,
+    widths: tuple[int, ...],
+    key: PRNGKeyArray | None,
+) -> LinearGlu | Mirrored:
+    """Return a network large enough for each of `parts`; its odd answers come first."""
+    inputs = [_inputs(part, above, even) for part in parts]
+    answers = [_answers(part, even) for part in parts]
+    odd_in = max(len(odd) for odd, _ in inputs)
+    even_in = max(len(even) for _, even in inputs)
+    odd_out = max(len(odd) for odd, _ in answers)
+    even_out = max(len(even) for _, even in answers)
+    if not even:
+        return LinearGlu.of(NetworkShape(odd_in, even_in, odd_out, widths), key=key)
+    out = odd_out + even_out
+    even_last = tuple(range(odd_out, out))
+    return Mirrored.of(NetworkShape(odd_in, even_in, out, widths, even_last), key=key)
 
 
 def _stacked(*leaves: Float[AnyArray, " ..."]) -> Float[AnyArray, " ..."]:
@@ -115,13 +110,13 @@ class Hierarchy(Network):
         widths = shape.widths
         parts = shape.parts
         check_parts(parts, shape.odd, shape.even, shape.out, widths)
-        family = _Family(parts, tuple(shape.even_out))
+        even = tuple(shape.even_out)
         upper_key, children_key = split_key(key, 2)
         middle = widths.index(0)
-        upper = family.network(parts[:1], widths[:middle], upper_key)
+        upper = _network(parts[:1], parts[0], even, widths[:middle], upper_key)
 
         def make_child(key: PRNGKeyArray | None) -> LinearGlu | Mirrored:
-            return family.network(parts[1:], widths[middle + 1 :], key)
+            return _network(parts[1:], parts[0], even, widths[middle + 1 :], key)
 
         with_own_weights = sum(part.like < 0 for part in parts[1:])
         if key is None:
@@ -129,11 +124,7 @@ class Hierarchy(Network):
         else:
             keys = split_key(children_key, with_own_weights)
             children = jax.tree.map(_stacked, *(make_child(key) for key in keys))
-        return cls(upper, children, parts, family.even)
-
-    @property
-    def _family(self) -> _Family:
-        return _Family(self.parts, self.even)
+        return cls(upper, children, parts, even)
 
     def leaves(self) -> dict[str, Any]:
         upper = prefixed("upper", self.upper.leaves())
@@ -157,11 +148,10 @@ class Hierarchy(Network):
         self, units: Units, odd: Float[Array, " O"], even: Float[Array, " E"]
     ) -> Float[Array, " S"]:
         above = self.parts[0]
-        family = self._family
         odd_above = odd[np.array(above.odd, int)]
         told = self.upper.answers(units, odd_above, even[np.array(above.even, int)])
-        split = len(family.answers(above)[0])
-        inputs = [family.inputs(part) for part in self.parts[1:]]
+        split = len(_answers(above, self.even)[0])
+        inputs = [_inputs(part, above, self.even) for part in self.parts[1:]]
         odd_seen = _padded(odd, told[:split], [rows for rows, _ in inputs])
         even_seen = _padded(even, told[split:], [rows for _, rows in inputs])
 
@@ -192,10 +182,9 @@ class Hierarchy(Network):
 
     def _order(self, width: int) -> Entries:
         """Return the index of each number of the change in (upper answers, children's answers padded to `width`)."""
-        family = self._family
-        odd, even = family.answers(self.parts[0])
+        odd, even = _answers(self.parts[0], self.even)
         place_of = {entry: place for place, entry in enumerate([*odd, *even])}
-        children = [family.answers(part) for part in self.parts[1:]]
+        children = [_answers(part, self.even) for part in self.parts[1:]]
         most_odd = max(len(odd) for odd, _ in children)
         start = len(place_of)
         for odd, even in children:
