@@ -234,7 +234,7 @@ def _elimination(body: Body, max_statements: int) -> Iterable[str]:
     yield f"#define ENTRIES {max(entries.values()) + 1}"
     yield from _list("DIAGONAL_LIST", diagonal, max_statements)
     yield from _list("MATRIX_LIST", matrix, max_statements)
-    steps = [*_forward_steps(columns, entries), *_backward_steps(columns, entries)]
+    steps = list(_elimination_steps(columns, entries))
     yield from _program("ELIMINATE", steps, max_statements)
 
 
@@ -250,10 +250,10 @@ def _matrix_entries(columns: dict[int, list[int]]) -> dict[tuple[int, int], int]
     return entries
 
 
-def _forward_steps(
+def _elimination_steps(
     columns: dict[int, list[int]], entries: dict[tuple[int, int], int]
 ) -> Iterable[Statements]:
-    """Yield the statements that eliminate column after column."""
+    """Yield the statements that eliminate column after column, and those of the back substitution from the last one."""
     for k, below in columns.items():
         yield "PIVOT", [(k, k)]
         yield "COLUMN", [(i, k, entries[i, k]) for i in below]
@@ -262,12 +262,6 @@ def _forward_steps(
             for j in below[: number + 1]:
                 updates.append((entries[i, j], entries[i, k], entries[j, k]))
         yield "UPDATE", updates
-
-
-def _backward_steps(
-    columns: dict[int, list[int]], entries: dict[tuple[int, int], int]
-) -> Iterable[Statements]:
-    """Yield the statements of the back substitution, from the last column to the first."""
     for k, below in reversed(columns.items()):
         yield "SCALE", [(k,)]
         yield "BACK", [(i, k, entries[i, k]) for i in below]
