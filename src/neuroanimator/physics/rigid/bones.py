@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import mujoco
 import numpy as np
 from jaxtyping import Float
@@ -23,9 +21,6 @@ GROUND_THICKNESS = 0.01
 
 DECIMALS = 9
 """Number of decimals of a skeleton's numbers, well below what is visible, to keep files small."""
-
-SizedShape = tuple[str, tuple[float, ...]]
-"""Kind of a shape, and its half sizes [m]."""
 
 JOINT_NAMES = {
     int(mujoco.mjtJoint.mjJNT_FREE): "free",
@@ -96,11 +91,17 @@ def is_drawn(model: mujoco.MjModel, geom: int) -> bool:
 def shape_of_geom(model: mujoco.MjModel, geom: int) -> Shape:
     """Return the shape drawn for a geom, in the frame of its body."""
     geom_type = int(model.geom_type[geom])
-    sized_shape = SHAPES.get(geom_type, _bounding_box)
-    kind, size = sized_shape(model, geom)
+    kind = SHAPES.get(geom_type, "box")
     position = np.array(model.geom_pos[geom])
     if geom_type == mujoco.mjtGeom.mjGEOM_PLANE:
         position[2] -= GROUND_THICKNESS
+        # MuJoCo writes an infinite side as 0.
+        sides = [min(side or MAX_GROUND, MAX_GROUND) for side in model.geom_size[geom][:2].tolist()]
+        size = (*sides, GROUND_THICKNESS)
+    elif geom_type in SHAPES:
+        size = _numbers(model.geom_size[geom])
+    else:
+        size = _numbers(model.geom_aabb[geom][3:])
     return Shape(
         kind,
         size,
@@ -110,36 +111,15 @@ def shape_of_geom(model: mujoco.MjModel, geom: int) -> Shape:
     )
 
 
-def _as_is(kind: str) -> Callable[[mujoco.MjModel, int], SizedShape]:
-    """Return the function that makes the shape of a geom whose sizes MuJoCo defines as we do."""
-
-    def sized_shape(model: mujoco.MjModel, geom: int) -> SizedShape:
-        return kind, _numbers(model.geom_size[geom])
-
-    return sized_shape
-
-
-def _plane(model: mujoco.MjModel, geom: int) -> SizedShape:
-    """Return the slab drawn for a plane; MuJoCo writes an infinite side as 0."""
-    width = float(model.geom_size[geom][0]) or MAX_GROUND
-    depth = float(model.geom_size[geom][1]) or MAX_GROUND
-    return "box", (min(width, MAX_GROUND), min(depth, MAX_GROUND), GROUND_THICKNESS)
-
-
-def _bounding_box(model: mujoco.MjModel, geom: int) -> SizedShape:
-    """Return the bounding box of a geom, drawn for meshes and height fields to keep emulator files small."""
-    return "box", _numbers(model.geom_aabb[geom][3:])
-
-
 SHAPES = {
-    int(mujoco.mjtGeom.mjGEOM_PLANE): _plane,
-    int(mujoco.mjtGeom.mjGEOM_CAPSULE): _as_is("capsule"),
-    int(mujoco.mjtGeom.mjGEOM_CYLINDER): _as_is("cylinder"),
-    int(mujoco.mjtGeom.mjGEOM_SPHERE): _as_is("sphere"),
-    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): _as_is("ellipsoid"),
-    int(mujoco.mjtGeom.mjGEOM_BOX): _as_is("box"),
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoid",
+    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
 }
-"""Functions that make the shapes of MuJoCo's types of geoms; any other is drawn as its bounding box."""
+"""Kinds of shapes of MuJoCo's types of geoms whose sizes it defines as we do. A plane is drawn as a slab, and any other geom,
+such as a mesh or a height field, as its bounding box, to keep emulator files small."""
 
 
 def _numbers(values: Float[np.ndarray, " N"]) -> tuple[float, ...]:
