@@ -205,9 +205,9 @@ class _Likeness:
         for actuator, source in enumerate(actuators.sources):
             sign = float(actuators.signs[actuator])
             place, other = model.actuator_ctrladr[[actuator, source]].tolist()
-            controls.put_all(place, other, np.full(model.actuator_ctrlnum[actuator], sign))
+            controls.put(place, other, np.full(model.actuator_ctrlnum[actuator], sign))
             place, other = (first + model.actuator_actadr[[actuator, source]]).tolist()
-            state.put_all(place, other, np.full(model.actuator_actnum[actuator], sign))
+            state.put(place, other, np.full(model.actuator_actnum[actuator], sign))
         if not (state.is_full and controls.is_full):
             return None
         return Symmetry(
@@ -236,12 +236,12 @@ class _Likeness:
         if not (self._is_level(joint) and self._is_level(other)):
             return False
         if kind == "free":
-            state.put_all(position_other, position, self.mirror)
-            state.put_all(velocity_other, velocity, self.mirror)
+            state.put(position_other, position, self.mirror)
+            state.put(velocity_other, velocity, self.mirror)
             position, position_other = position + 3, position_other + 3
             velocity, velocity_other = velocity + 3, velocity_other + 3
-        state.put_all(position_other, position, np.array([1, *self.turn]))
-        state.put_all(velocity_other, velocity, self.turn)
+        state.put(position_other, position, [1, *self.turn])
+        state.put(velocity_other, velocity, self.turn)
         return True
 
     def _is_level(self, joint: int) -> bool:
@@ -263,15 +263,11 @@ class _Places:
         """Whether every place is filled."""
         return -1 not in self.sources
 
-    def put(self, place: int, source: int, sign: float) -> None:
-        """Move the number at `source`, times `sign`, to `place`."""
-        self.sources[place] = source
-        self.signs[place] = int(sign)
-
-    def put_all(self, place: int, source: int, signs: Float[np.ndarray, " K"]) -> None:
-        """Move neighbours to neighbouring places."""
-        for offset, sign in enumerate(signs):
-            self.put(place + offset, source + offset, sign)
+    def put(self, place: int, source: int, signs: ArrayLike) -> None:
+        """Move the number at `source`, times its sign, to `place`; neighbours, if there are several signs, beside it."""
+        for offset, sign in enumerate(np.atleast_1d(signs)):
+            self.sources[place + offset] = source + offset
+            self.signs[place + offset] = int(sign)
 
 
 def _pair_actuators(
