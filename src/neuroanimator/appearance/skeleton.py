@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, ValidationError
 
-from neuroanimator.appearance.binding import Binding, Pose, bound_pose
+from neuroanimator.appearance.binding import Binding, bound_pose
 from neuroanimator.appearance.mesh_skin import MeshSkin
 from neuroanimator.appearance.shapes import Shapes
 from neuroanimator.appearance.skin import Skin
@@ -132,7 +132,10 @@ class Skeleton:
         positions = []
         orientations = []
         for bone in self.bones:
-            position, orientation = _local_pose(bone, states)
+            if bone.binding is None:
+                position, orientation = bone.link.local_pose(states)
+            else:
+                position, orientation = bound_pose(bone.binding, states)
             positions.append(position)
             orientations.append(orientation)
         return np.stack(positions, axis=1), np.stack(orientations, axis=1)
@@ -237,10 +240,3 @@ def _entries_read(bone: Bone) -> int:
     if bone.binding is not None:
         ends.append(bone.binding.last_entry + 1)
     return max(ends, default=0)
-
-
-def _local_pose(bone: Bone, states: Float[np.ndarray, "T S"]) -> Pose:
-    """Return positions and orientations of a bone in its parent's frame."""
-    if bone.binding is not None:
-        return bound_pose(bone.binding, states)
-    return bone.link.local_pose(states)
