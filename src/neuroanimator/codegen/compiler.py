@@ -25,7 +25,7 @@ from neuroanimator.codegen.build import (
 from neuroanimator.codegen.cores import processor_facts
 from neuroanimator.codegen.zig import zig_cc
 from neuroanimator.files.private_folder import private_folders
-from neuroanimator.files.unfinished import replace_whole
+from neuroanimator.files.unfinished import replace_together
 from neuroanimator.terminal import warn_once
 
 COMPILERS = ("cc", "gcc", "clang")
@@ -177,7 +177,7 @@ def _make(text: str, command: list[str], flag_sets: FlagSets, folder: Path, key:
     """Compile `text` to a library in `folder` and return its path: written whole, and named by its content."""
     content = build_library(text, command, flag_sets, folder)
     path = _path(folder, key, content)
-    replace_whole(path, content)
+    replace_together({path: content})
     return path
 
 

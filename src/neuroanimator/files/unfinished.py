@@ -85,14 +85,6 @@ def finish(temporary: Path, path: Path) -> None:
     sync_folder(path.parent)
 
 
-def replace_whole(path: Path, content: bytes) -> None:
-    """Write `content` so that a reader, or a kill at any moment, finds the old file or the new one.
-
-    Raises OSError.
-    """
-    replace_together({path: content})
-
-
 def replace_together(files: Mapping[Path, bytes]) -> None:
     """Write files that belong together, the last one last: none gets its name before all are on the disk.
 
