@@ -66,9 +66,7 @@ def _features_of_controls(modes: ShapeModes, group: BodyGroup, features: int) ->
     columns = np.flatnonzero(np.abs(mix[list(group.controls)]).sum(axis=0) > 0)
     first_activation = modes.feature_layout.index("activations").start
     first_control = features - size
-    activations = [first_activation + int(column) for column in columns]
-    controls = [first_control + int(column) for column in columns]
-    return activations + controls
+    return [*(first_activation + columns).tolist(), *(first_control + columns).tolist()]
 
 
 def _part(
@@ -134,7 +132,7 @@ def _features_of(
 ) -> list[int]:
     """Return the features of state `entries`: sines and cosines of angles that they enter, and the entries themselves."""
     takes_part = np.abs(angles[:, list(entries)]).sum(axis=1)
-    sines = [int(row) for row in np.flatnonzero(takes_part)]
-    cosines = [row + len(angles) for row in sines]
+    sines = np.flatnonzero(takes_part)
+    cosines = sines + len(angles)
     themselves = [2 * len(angles) + i for i, entry in enumerate(plain) if entry in entries]
-    return [*sines, *cosines, *themselves]
+    return [*sines.tolist(), *cosines.tolist(), *themselves]
