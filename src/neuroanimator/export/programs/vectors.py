@@ -116,17 +116,15 @@ class Vectors:
         return largest
 
     def to_json(self) -> dict[str, Any]:
-        """Return `KEPT` of the inputs and outputs, and the tolerance of each entry of an output."""
+        """Return `KEPT` of the inputs and outputs, and the largest tolerance of each entry of an output."""
         kept = np.linspace(0, self.count - 1, KEPT).astype(int)
         return {
             "inputs": {name: _rounded(array[kept]) for name, array in self.inputs.items()},
             "outputs": {name: _rounded(array[kept]) for name, array in self.expected.items()},
-            "tolerance": {name: self._largest_tolerance(name) for name in self.expected},
+            "tolerance": {
+                name: _rounded(self.tolerance(name).max(axis=0)) for name in self.expected
+            },
         }
-
-    def _largest_tolerance(self, output: str) -> list[float]:
-        """Return the largest tolerance of each entry over all inputs."""
-        return _rounded(self.tolerance(output).max(axis=0))
 
 
 def vectors_text(definition: ProgramDefinition, functions: Mapping[str, Vectors]) -> str:
