@@ -78,7 +78,7 @@ def _probes(definition: BodyDefinition, body: Body) -> tuple[Probe, ...]:
     if body.water is not None and body.water.surface is not None:
         level = body.water.surface
     offsets = np.array(definition.probes).reshape(-1, 3) - centre
-    return tuple((float(x), float(y), float(z), level) for x, y, z in offsets)
+    return tuple((x, y, z, level) for x, y, z in offsets.tolist())
 
 
 def _groups(definition: BodyDefinition, body: Body) -> tuple[BodyGroup, ...]:

@@ -218,13 +218,8 @@ def _rates(views: list[JointView]) -> list[tuple[int, int]]:
     """Return the pairs of state entries in which the second is the rate of change of the first."""
     pairs: list[tuple[int, int]] = []
     for view in views:
-        if view.kind == "ball":  # an orientation's rate of change is not a state entry
-            continue
-        count = 1
-        if view.kind == "free":
-            count = 3
-        for axis in range(count):
-            pairs.append((view.position_entry + axis, view.velocity_entry + axis))
+        if view.kind != "ball":  # an orientation's rate of change is not a state entry
+            pairs += zip(view.positions[:3], view.velocities[:3], strict=True)
     return pairs
 
 

@@ -220,10 +220,8 @@ class _Likeness:
         kind = joint_kind(model, joint)
         if joint_kind(model, other) != kind:
             return False
-        position = int(model.jnt_qposadr[joint])
-        position_other = int(model.jnt_qposadr[other])
-        velocity = model.nq + int(model.jnt_dofadr[joint])
-        velocity_other = model.nq + int(model.jnt_dofadr[other])
+        position, position_other = model.jnt_qposadr[[joint, other]].tolist()
+        velocity, velocity_other = (model.nq + model.jnt_dofadr[[joint, other]]).tolist()
         if kind in ("hinge", "slide"):
             factors = self.turn if kind == "hinge" else self.mirror
             sign = _sign(factors * self.data.xaxis[joint], self.data.xaxis[other])
