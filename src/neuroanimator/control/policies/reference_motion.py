@@ -242,11 +242,11 @@ class ReferenceMotion(eqx.Module):
             "lap": self.lap,
             "phase": self.phase,
             "velocity": self.velocity,
-            "hinges": list(self.hinges),
-            "rates": list(self.rates),
-            "driven": list(self.driven),
-            "driven_rates": list(self.driven_rates),
-            "leads": list(self.leads),
+            "hinges": self.hinges,
+            "rates": self.rates,
+            "driven": self.driven,
+            "driven_rates": self.driven_rates,
+            "leads": self.leads,
             "reach": self.reach,
         }
         if self.commands is not None:
