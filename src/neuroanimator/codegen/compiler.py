@@ -144,7 +144,7 @@ def _found_or_made(text: str, command: list[str], flag_sets: FlagSets, key: str)
     """Return the library `key`; OSError if it can be loaded from no folder, CompilerError if it cannot be made."""
     fault: CompilerError | OSError = OSError(0, "there is no folder that only you can write to")
     for folder in private_folders(PURPOSE):
-        if not _can_be_run_from(folder):
+        if os.statvfs(folder).f_flag & getattr(os, "ST_NOEXEC", 0):
             fault = OSError(0, f"programs may not be run from {folder}")
             continue
         try:
@@ -155,10 +155,6 @@ def _found_or_made(text: str, command: list[str], flag_sets: FlagSets, key: str)
         except (CompilerError, OSError) as error:  # this folder may be full
             fault = error
     raise fault
-
-
-def _can_be_run_from(folder: Path) -> bool:
-    return not os.statvfs(folder).f_flag & getattr(os, "ST_NOEXEC", 0)
 
 
 def _found(folder: Path, key: str) -> ctypes.CDLL | None:
