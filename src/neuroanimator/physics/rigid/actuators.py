@@ -114,8 +114,8 @@ def control_range(model: mujoco.MjModel, control: int) -> tuple[float, float] | 
         actuator = actuators_of_controls(model)[control]
         is_muscle = model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_MUSCLE
         return MUSCLE if is_muscle else None
-    low, high = model.actuator_ctrlrange[control]
-    return float(low), float(high)
+    low, high = model.actuator_ctrlrange[control].tolist()
+    return low, high
 
 
 def control_unit(model: mujoco.MjModel, control: int) -> str:

@@ -64,9 +64,8 @@ def contacts_of(
 
     Of points that always move together only one is kept, and points whose height never changes are left out.
     """
-    has_world = len(bones) == model.nbody
     kinematics = kinematics_of(bones)
-    points = _points(model, first_body=0 if has_world else 1)
+    points = _points(model, first_body=model.nbody - len(bones))
     planes = _planes(model)
     contacts = Contacts(
         kinematics=kinematics,
