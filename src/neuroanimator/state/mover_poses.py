@@ -133,6 +133,11 @@ def moved_as_one(
     return poses.__array_namespace__().concat(parts, axis=-1)
 
 
+def _are_all_free(size: int, quaternions: tuple[int, ...]) -> bool:
+    """Return whether `size` pose entries are those of movers that all turn freely."""
+    return quaternions == tuple(range(3, size, POSE_SIZES[FREELY]))
+
+
 def moved(
     poses: Float[AnyArray, "... D"],
     changes: Float[AnyArray, "... R"],
@@ -144,6 +149,13 @@ def moved(
     """
     if not quaternions:
         return poses + changes
+    if _are_all_free(poses.shape[-1], quaternions):
+        # All at once: a dozen bones one after another make a program that takes minutes to compile.
+        xp = poses.__array_namespace__()
+        every = xp.reshape(poses, (*poses.shape[:-1], -1, 7))
+        rates = xp.reshape(changes, (*changes.shape[:-1], -1, 6))
+        pieces = [every[..., :3] + rates[..., :3], rotated_by(every[..., 3:], rates[..., 3:])]
+        return xp.reshape(xp.concat(pieces, axis=-1), poses.shape)
     parts = []
     for entries, rates, is_quaternion in _pieces(poses.shape[-1], quaternions):
         pose, change = poses[..., entries], changes[..., rates]

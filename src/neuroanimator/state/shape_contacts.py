@@ -31,7 +31,7 @@ from neuroanimator.state.mover_poses import (
     quaternion_entries,
 )
 from neuroanimator.state.placement import Placement
-from neuroanimator.state.rotation import rotate, rotate_back, rotated_by
+from neuroanimator.state.rotation import NO_ROTATION, rotate, rotate_back, rotated_by
 
 MAX_NODES = 256
 """Maximum number of sampled nodes: each has four features."""
@@ -47,6 +47,9 @@ MAX_DISTANCE = 1e6
 
 ROUNDS = 8
 """Number of times that nodes are pushed out of the deepest collider: out of one, a node may enter another."""
+
+AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""The unit vectors along the axes of a frame."""
 
 TINY = 1e-9
 """Square of a length [m²] added under square roots that are divided by."""
@@ -322,22 +325,37 @@ class ShapeContacts:
 
     def _direction(self, moment: _Moment, index: int, vector: Point) -> Float[AnyArray, "... 3"]:
         """Return a vector of a mover's frame along the body's axes."""
-        if index == self.anchor:
-            return _vector(vector, moment)
-        in_world = _vector(vector, moment)
-        mover = self.movers[index]
-        orientation = mover.placement.quaternions(moment.movers)
-        if orientation is not None and (any(vector[:2]) or mover.turns_freely):
-            in_world = rotate(orientation, in_world)
-        return moment.to_own(in_world)
+        return self._directions(moment, [index], [vector])[..., 0, :]
 
-    def _place(self, moment: _Moment, index: int, point: Point) -> Float[AnyArray, "... 3"]:
-        """Return the position in the body's frame of a point of a mover's frame."""
-        away = self._direction(moment, index, point)
-        if index == self.anchor:
-            return away
-        position = self.movers[index].placement.origin(moment.movers)
-        return away + moment.to_own(position - moment.origin)
+    def _directions(
+        self, moment: _Moment, indices: Sequence[int], vectors: Sequence[Point]
+    ) -> Float[AnyArray, "... Q 3"]:
+        """Return a vector of the frame of each of Q movers along the body's axes.
+
+        All at once: one after another they would make a program that takes minutes to compile for a dozen bones.
+        """
+        xp = moment.origin.__array_namespace__()
+        zeros = xp.zeros_like(moment.origin)
+        own = zeros[..., None, :] + xp.asarray(np.array(vectors), dtype=zeros.dtype)
+        turned = [self.movers[index].placement.quaternions(moment.movers) for index in indices]
+        if any(quaternion is not None for quaternion in turned):
+            still = zeros[..., :1] + xp.asarray(NO_ROTATION, dtype=zeros.dtype)
+            every = [still if quaternion is None else quaternion for quaternion in turned]
+            own = rotate(xp.stack(every, axis=-2), own)
+        if moment.orientation is None:
+            return own
+        return rotate_back(moment.orientation[..., None, :], own)
+
+    def _places(
+        self, moment: _Moment, indices: Sequence[int], points: Sequence[Point]
+    ) -> Float[AnyArray, "... Q 3"]:
+        """Return the position in the body's frame of a point of the frame of each of Q movers."""
+        xp = moment.origin.__array_namespace__()
+        origins = [self.movers[index].placement.origin(moment.movers) for index in indices]
+        away = xp.stack(origins, axis=-2) - moment.origin[..., None, :]
+        if moment.orientation is not None:
+            away = rotate_back(moment.orientation[..., None, :], away)
+        return self._directions(moment, indices, points) + away
 
     @cached_property
     def _rows(self) -> tuple[Float[np.ndarray, "K X"], Float[np.ndarray, " X"]]:
@@ -361,11 +379,16 @@ class ShapeContacts:
     def _nearness(self, nodes: Coordinates, later: _Moment) -> Coordinates:
         """Return the sum over colliders of the nodes' nearness, and of that times each component of the direction."""
         xp = later.origin.__array_namespace__()
-        found = self._surfaces(nodes, later, self._moving(self.capsules), self._moving(self.boxes))
+        found = self._surfaces(nodes, later, (), self._moving(self.boxes))
+        capsules = self._moving(self.capsules)
+        if capsules:
+            found.append(self._from_capsules(nodes, later, capsules))
         sums = [xp.zeros_like(nodes[0])] * 4
         for distance, direction in found:
             near = xp.maximum(1 - distance / self.reach, xp.zeros_like(distance))
             parts = [near, *(near * along for along in direction)]
+            if distance.ndim > nodes[0].ndim:
+                parts = [xp.sum(part, axis=-2) for part in parts]
             sums = [total + part for total, part in zip(sums, parts, strict=True)]
         return sums
 
@@ -377,7 +400,11 @@ class ShapeContacts:
         boxes: tuple[BoxCollider, ...],
     ) -> list[Surface]:
         """Return the distances of nodes from each capsule, each box and the ground [m], and the directions away."""
-        found = [self._from_capsule(nodes, moment, capsule) for capsule in capsules]
+        found: list[Surface] = []
+        if capsules:
+            distance, direction = self._from_capsules(nodes, moment, capsules)
+            for one in range(len(capsules)):
+                found.append((distance[..., one, :], [part[..., one, :] for part in direction]))
         found += [self._from_box(nodes, moment, box) for box in boxes]
         if self.ground is not None:
             found.append(self._from_ground(nodes, moment, self.ground))
@@ -409,28 +436,32 @@ class ShapeContacts:
             nodes = [node + depth * along for node, along in zip(nodes, outward, strict=True)]
         return xp.stack(nodes, axis=-1)
 
-    def _from_capsule(self, nodes: Coordinates, later: _Moment, capsule: RoundCollider) -> Surface:
-        """Return the distances of nodes from the surface [m], and the directions away."""
+    def _from_capsules(
+        self, nodes: Coordinates, later: _Moment, capsules: tuple[RoundCollider, ...]
+    ) -> tuple[Float[AnyArray, "... Q P"], list[Float[AnyArray, "... Q P"]]]:
+        """Return the distances of nodes from the surface of each of Q capsules [m], and the directions away."""
         xp = later.origin.__array_namespace__()
-        start = self._place(later, capsule.mover, capsule.start)
-        away = [nodes[axis] - start[..., axis : axis + 1] for axis in range(3)]
-        square = sum(length * length for length in capsule.along)
-        if square > 0:
-            extent = self._direction(later, capsule.mover, capsule.along)
-            along = [extent[..., axis : axis + 1] for axis in range(3)]
-            share = xp.clip(_dot(along, away) / square, 0.0, 1.0)
-            away = [gap - share * part for part, gap in zip(along, away, strict=True)]
+        movers = [one.mover for one in capsules]
+        start = self._places(later, movers, [one.start for one in capsules])
+        extent = self._directions(later, movers, [one.along for one in capsules])
+        squares = [sum(length * length for length in one.along) or 1.0 for one in capsules]
+        square, radius = (
+            xp.asarray(np.array(values)[:, None], dtype=later.origin.dtype)
+            for values in (squares, [one.radius for one in capsules])
+        )
+        away = [nodes[axis][..., None, :] - start[..., axis : axis + 1] for axis in range(3)]
+        along = [extent[..., axis : axis + 1] for axis in range(3)]
+        share = xp.clip(_dot(along, away) / square, 0.0, 1.0)
+        away = [gap - share * part for part, gap in zip(along, away, strict=True)]
         distance = xp.sqrt(_dot(away, away) + TINY)
-        return distance - capsule.radius, [gap / distance for gap in away]
+        return distance - radius, [gap / distance for gap in away]
 
     def _from_box(self, nodes: Coordinates, later: _Moment, box: BoxCollider) -> Surface:
         """Return the distances of nodes from the surface [m], negative inside, and the directions away."""
-        centre = self._place(later, box.mover, box.centre)
+        centre = self._places(later, [box.mover], [box.centre])[..., 0, :]
         away = [nodes[axis] - centre[..., axis : axis + 1] for axis in range(3)]
-        axes = []
-        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
-            direction = self._direction(later, box.mover, unit)
-            axes.append([direction[..., axis : axis + 1] for axis in range(3)])
+        units = self._directions(later, [box.mover] * 3, AXES)
+        axes = [[units[..., one, axis : axis + 1] for axis in range(3)] for one in range(3)]
         distance, outward = box_surface([_dot(axis, away) for axis in axes], box.half, TINY)
         direction = [_dot([axis[k] for axis in axes], outward) for k in range(3)]
         return distance - box.radius, direction
