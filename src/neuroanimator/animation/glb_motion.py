@@ -83,18 +83,8 @@ class Track:
         return values
 
 
-@dataclass(frozen=True, eq=False)
-class Local:
-    """A node relative to its parent: its pose at rest, and its animated properties."""
-
-    at_rest: dict[str, Float[np.ndarray, " W"]]
-    tracks: dict[str, Track]
-
-    def at(self, name: str, times: Float[np.ndarray, " F"]) -> Float[np.ndarray, "F W"]:
-        """Return the property `name` at `times` [s]."""
-        if name in self.tracks:
-            return self.tracks[name].at(times)
-        return np.broadcast_to(self.at_rest[name], (len(times), len(self.at_rest[name])))
+Moving = dict[str, Track]
+"""The properties of a node relative to its parent, by their names."""
 
 
 def node_motion(
@@ -113,26 +103,33 @@ def node_motion(
     tracks, end = _tracks(file, animations[0], chain)
     if not any(tracks.values()):
         raise ValueError(f"the first animation moves neither {quoted(name)} nor any node above it")
-    locals_up = [
-        Local(properties_of(rig.nodes[number], number), tracks[number]) for number in chain
-    ]
-    times = _sampled(locals_up, end)
-    positions, orientations = _in_world(locals_up, times)
+    times = _sampled(tracks, end)
+    moving = [_still(properties_of(rig.nodes[node], node)) | tracks[node] for node in chain]
+    positions, orientations = _in_world(moving, times)
     rest = np.roll(taken_apart(rig.bound(chain[0]), quoted(name))["rotation"], 1)
     turned = multiply(orientations, np.broadcast_to(conjugate(rest), orientations.shape))
     upright = np.concatenate([turned[:, :1], z_up(turned[:, 1:])], axis=1)
     return times, z_up(positions), upright
 
 
-def _sampled(locals_up: list[Local], end: float) -> Float[np.ndarray, " F"]:
+def _still(properties: dict[str, np.ndarray]) -> Moving:
+    """Return properties that do not change, as tracks of one key."""
+    start = np.zeros(1)
+    return {
+        name: Track(start, value[None], "STEP", is_rotation=False)
+        for name, value in properties.items()
+    }
+
+
+def _sampled(tracks: dict[int, Moving], end: float) -> Float[np.ndarray, " F"]:
     """Return every time [s] at which the motion is looked at: few enough of them, whatever the file says."""
-    tracks = [track for local in locals_up for track in local.tracks.values()]
-    keys = {id(track.times): track.times for track in tracks}
-    most = min(MAX_SECONDS, SAMPLING * MAX_POSES / len(locals_up))
+    every = [track for of_node in tracks.values() for track in of_node.values()]
+    keys = {id(track.times): track.times for track in every}
+    most = min(MAX_SECONDS, SAMPLING * MAX_POSES / len(tracks))
     count = sum(len(times) for times in keys.values())
-    if end > most or count * len(locals_up) > MAX_POSES:
+    if end > most or count * len(tracks) > MAX_POSES:
         raise ValueError(
-            f"an animation of {end:g} s with {count:,} keyframes; of a node with {len(locals_up) - 1} above it at most "
+            f"an animation of {end:g} s with {count:,} keyframes; of a node with {len(tracks) - 1} above it at most "
             f"{most:.0f} s are read. Cut it into parts"
         )
     return np.unique(np.concatenate([np.arange(0.0, end, SAMPLING), *keys.values(), [0.0, end]]))
@@ -153,7 +150,7 @@ def _numbered(nodes: list[dict[str, Any]], name: str) -> int:
 
 def _tracks(
     file: Glb, animation: dict[str, Any], chain: list[int]
-) -> tuple[dict[int, dict[str, Track]], float]:
+) -> tuple[dict[int, Moving], float]:
     """Return the tracks of each node in the chain by property, and the time at which the animation ends [s]."""
     samplers = objects_in(animation, "samplers")
     # the end: that of the longest
@@ -162,7 +159,7 @@ def _tracks(
     for index in inputs:
         end = max(end, float(file.array(index, "SCALAR", is_last_alone=True)[0, 0]))
     # keyframes: only those that move the chain
-    tracks: dict[int, dict[str, Track]] = {number: {} for number in chain}
+    tracks: dict[int, Moving] = {number: {} for number in chain}
     times: dict[int, np.ndarray] = {}
     keyframes = 0
     for channel in objects_in(animation, "channels"):
@@ -218,14 +215,14 @@ def _track(file: Glb, sampler: dict[str, Any], name: str, times: np.ndarray) -> 
 
 
 def _in_world(
-    locals_up: list[Local], times: Float[np.ndarray, " F"]
+    moving: list[Moving], times: Float[np.ndarray, " F"]
 ) -> tuple[Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"]]:
-    """Return positions and orientations wxyz, still Y up, of the first of `locals_up`; each is a child of the next."""
+    """Return positions and orientations wxyz, still Y up, of the first of `moving` nodes; each is a child of the next."""
     positions = np.zeros((len(times), 3))
     orientations = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (len(times), 4))
-    for local in locals_up:
-        rotation = np.roll(local.at("rotation", times), 1, axis=1)
-        scaled = local.at("scale", times) * positions
-        positions = local.at("translation", times) + rotate(rotation, scaled)
+    for node in moving:
+        rotation = np.roll(node["rotation"].at(times), 1, axis=1)
+        scaled = node["scale"].at(times) * positions
+        positions = node["translation"].at(times) + rotate(rotation, scaled)
         orientations = multiply(rotation, orientations)
     return positions, orientations
