@@ -64,6 +64,23 @@ def keyframes(count: int, end: float = 1.0) -> dict:
     }
 
 
+def many_meshes(count: int) -> dict:
+    """Return a character of animated nodes, each with the same mesh of points that are not there."""
+    nodes = [{"name": f"n{number}", "mesh": 0} for number in range(count)]
+    channels = [{"target": {"node": number}} for number in range(count)]
+    meshes = [{"primitives": [{"attributes": {"POSITION": 0}}]}]
+    return {"nodes": nodes, "meshes": meshes, "animations": [{"channels": channels}]}
+
+
+def many_joints(count: int) -> dict:
+    """Return a character with a skin of all of its nodes, in a row of a thousand and the others below its end."""
+    chain = [{"name": f"n{number}", "children": [number + 1]} for number in range(900)]
+    below = [{"name": f"m{number}"} for number in range(count)]
+    chain[-1]["children"] = list(range(900, 900 + count))
+    skins = [{"joints": list(range(900 + count))}]
+    return {"nodes": [*chain, *below], "skins": skins}
+
+
 def many_nodes(count: int) -> dict:
     document = keyframes(1)
     document["nodes"] += [{"name": f"n{number}"} for number in range(count)]
@@ -152,6 +169,8 @@ FILES: dict[str, tuple[str, Callable[[int], bytes], int]] = {
     "rows of a path": ("path", lambda count: table(count, "time,x [m]"), 10_000),
     "samplers of a character": ("glb", lambda count: as_json(keyframes(count)), 5_000),
     "nodes of a character": ("glb", lambda count: as_json(many_nodes(count)), 5_000),
+    "meshes of a character": ("rig", lambda count: as_json(many_meshes(count)), 5_000),
+    "joints of a character": ("rig", lambda count: as_json(many_joints(count)), 5_000),
     "bodies of a model": ("model", bodies, 250),
     "links of a robot": ("model", links, 250),
     "vertices of a surface": ("mesh", surface, 5_000),
