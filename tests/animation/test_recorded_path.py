@@ -10,9 +10,10 @@ import pytest
 from soft_bodies import soft_clip, wavy_shapes
 
 import neuroanimator as na
-from neuroanimator.animation.recorded_path import headings_of, read_path
+from neuroanimator.animation.recorded_path import headings_of, paths_of_nodes, read_path
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.export.gltf.buffers import Buffer, as_float32, glb_bytes
+from neuroanimator.files.glb import read_glb
 from neuroanimator.state.layout import Layout, Slice
 
 QUARTER = np.sqrt(0.5)
@@ -223,3 +224,5 @@ def test_a_container_cut_off_anywhere_is_refused(tmp_path: Path):
     path.write_bytes(glb_bytes({"nodes": deep}, b""))
     with pytest.raises(BadFileError, match="wanted JSON objects"):
         read_path(f"{path}:hips")
+    with pytest.raises(BadFileError, match="wanted JSON objects"):
+        paths_of_nodes(read_glb(path), path, ["hips"])

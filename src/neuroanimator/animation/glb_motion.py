@@ -88,14 +88,14 @@ Moving = dict[str, Track]
 
 
 def node_motion(
-    file: Glb, name: str
+    rig: Rig, name: str
 ) -> tuple[Float[np.ndarray, " F"], Float[np.ndarray, "F 3"], Float[np.ndarray, "F 4"]]:
     """Return times [s], positions [m] and orientations of the node called `name` along the first animation.
 
     An orientation is the node's rotation in the world, relative to the pose to which the skin is bound if it is a joint of
     one, and otherwise to its pose without the animation. Raises ValueError with what is wrong with the file.
     """
-    rig = Rig(file)
+    file = rig.file
     chain = rig.chain(_numbered(rig.nodes, name))
     animations = file.objects("animations")
     if not animations:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from neuroanimator.animation.glb_motion import Track, node_motion
+from neuroanimator.animation.glb_rig import Rig
 from neuroanimator.errors import ArgumentError, BadFileError
 from neuroanimator.files.atomic import one_line, read_bounded
 from neuroanimator.files.clock import resolution_of, straightened
@@ -133,7 +134,7 @@ def read_path(source: str | Path) -> RecordedPath:
         raise ArgumentError(
             f"path: wanted the name of a node after {quoted(text)}, such as {path.name}:Spine2."
         )
-    return _of_node(read_glb(path), path, found["part"], text)
+    return _of_node(_rig(read_glb(path), path), path, found["part"], text)
 
 
 def paths_of_nodes(
@@ -143,14 +144,15 @@ def paths_of_nodes(
 
     Raises ArgumentError, which lists its nodes, if it has none of them, BadFileError if it is faulty; both say `where`.
     """
-    nodes = {mover_name(str(n.get("name"))): str(n.get("name")) for n in file.objects("nodes")}
+    rig = _rig(file, where)
+    nodes = {mover_name(str(n.get("name"))): str(n.get("name")) for n in rig.nodes}
     found = [name for name in wanted if name in nodes]
     if not found:
         raise ArgumentError(
             f"no node of {where} is called as a mover. Movers: {listed(wanted) or 'none'}; nodes: "
             f"{listed(map(quoted, sorted(nodes.values())))}. Call them alike, or give --path MOVER=FILE.glb:NODE."
         )
-    return {name: _of_node(file, where, nodes[name], f"{where}:{name}") for name in found}
+    return {name: _of_node(rig, where, nodes[name], f"{where}:{name}") for name in found}
 
 
 def mover_name(node: str) -> str:
@@ -158,9 +160,17 @@ def mover_name(node: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.-]", "_", node.rpartition(":")[2])[:40]
 
 
-def _of_node(file: Glb, where: str | Path, node: str, name: str) -> RecordedPath:
+def _rig(file: Glb, where: str | Path) -> Rig:
+    """Return the nodes of a file; BadFileError if they are none."""
     try:
-        times, positions, orientations = node_motion(file, node)
+        return Rig(file)
+    except ValueError as error:
+        raise BadFileError(f"{where}: {one_line(error)}.") from error
+
+
+def _of_node(rig: Rig, where: str | Path, node: str, name: str) -> RecordedPath:
+    try:
+        times, positions, orientations = node_motion(rig, node)
     except ValueError as error:
         raise BadFileError(f"{where}: {one_line(error)}.") from error
     return RecordedPath(name, times, positions, orientations)

@@ -114,6 +114,7 @@ def run(
 ) -> None:
     """Animate a system's showcase motion, one found by 'control', or a random one, without running the physics."""
     film = read_film(size, camera)
+    garments = [emulator_for(out, name) for name in wear or ()]
     motion = motion_of(
         MotionOptions(
             emulator=emulator,
@@ -145,9 +146,9 @@ def run(
         for states in motion.states
     ]
     rows = list(motion.rows)
-    for name in wear or ():
-        garment = emulator_for(out, name)
-        worn = wear_garment(clips[0], garment)
+    for garment in garments:
+        with phase(f"dressing in {garment.system}"):
+            worn = wear_garment(clips[0], garment)
         for remark in worn.remarks:
             print_line(f"neuroanimator: {remark}", to_stderr=True)
         rows.append((garment.system, summary_of(garment, worn.scores)))
